@@ -217,7 +217,10 @@ mod tests {
             (Error::TooLong { path: "a.glb".into(), len: 1 << 33 }, "--min-opacity"),
             (Error::NoCheckpoint { path: "model".into() }, "--checkpoint-every"),
             (Error::CheckpointFormat { path: "model".into(), found: 2, known: 1 }, "--resume"),
-            (Error::NoImages { data: "data".into(), path: "images".into(), first: "b.png".into() }, "--images"),
+            (
+                Error::NoImages { data: "data".into(), path: "images".into(), first: "b.png".into(), elsewhere: None },
+                "--images",
+            ),
         ] {
             let fact = error.to_string();
             let sentence = Failure::from(error).to_string();

@@ -1,98 +1,111 @@
 //! Scenes of NeRF Synthetic and Shiny Blender: a list of training views and one of test views.
 
 use crate::{
-    error::Result,
+    error::{Error, Result},
     listing::{Listing, LoadOptions},
+    masks,
     materials::MaterialFiles,
+    named::Files,
+    nerfstudio,
+    photographs::{Folders, found, note_idle_rule},
     shot::{NormalFiles, Shot},
-    transforms::{Frame, Transforms},
+    transforms::Transforms,
 };
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// List of training views, which identifies the format.
 pub(crate) const TRAIN: &str = "transforms_train.json";
 /// List of test views.
 const TEST: &str = "transforms_test.json";
 
-/// Lists a scene. All images are searched before any is decoded, so that a missing one is reported
+/// Lists a scene. All images are searched before any is decoded, so that missing ones are reported
 /// at once.
-pub(crate) fn list(folder: &Path, options: &LoadOptions) -> Result<Listing> {
-    let train = Transforms::read(&folder.join(TRAIN))?;
-    let mut listing = Listing { source: format!("{:?}", train.path()), ..Listing::default() };
-    let test = read_test(folder, &mut listing.notes)?;
-    listing.train = shots(&train, options, |_| Truth::default(), &mut listing.notes)?;
-    if let Some(test) = &test {
-        listing.test = shots(test, options, Truth::beside, &mut listing.notes)?;
+pub(crate) fn list(files: &Files, options: &LoadOptions) -> Result<Listing> {
+    let train = Transforms::read(&files.root.join(TRAIN))?;
+    if train.rest.ply_file_path.is_some() && !files.root.join(TEST).is_file() {
+        // A list of nerfstudio by another name.
+        return nerfstudio::list_of(train, files, options);
     }
+    let mut notes = train.notes();
+    let images = options.other_images().unwrap_or(Path::new("")).to_owned();
+    let folders = Folders { files, images };
+    let test = read_test(&files.root, &mut notes)?;
+    let mut shots = find(&train, &folders, options, &mut notes)?;
+    let train_count = shots.len();
+    if let Some(test) = &test {
+        shots.extend(find_test(test, &folders, options, &mut notes)?);
+    }
+    let masks = masks::assign(files, &folders.images, &mut shots, &mut notes);
+    note_idle_rule(options, &mut notes);
+    let used = [TRAIN, TEST].map(|list| files.root.join(list)).into_iter().chain(masks).collect();
+    let held_out = if shots.len() > train_count { format!("named by {TEST}") } else { "none".into() };
+    let source = train.description();
+    let mut listing = Listing { source, held_out, notes, used, ..Listing::default() };
+    listing.points = nerfstudio::named_points(&train, files, options, &mut listing)?;
+    let mut shots = shots.into_iter().map(|(_, shot)| shot);
+    listing.train = shots.by_ref().take(train_count).collect();
+    listing.test = shots.collect();
     Ok(listing)
 }
 
+/// Reads the list of test views, if there is one with views.
 fn read_test(folder: &Path, notes: &mut Vec<String>) -> Result<Option<Transforms>> {
     let path = folder.join(TEST);
-    if path.is_file() {
-        return Transforms::read(&path).map(Some);
+    if !path.is_file() {
+        notes.push(format!("no {path:?}, so there are no test views"));
+        return Ok(None);
     }
-    notes.push(format!("no {path:?}, so there are no test views"));
-    Ok(None)
+    match Transforms::read(&path) {
+        Err(Error::NoFrames { .. }) => {
+            notes.push(format!("no frames in {path:?}, so there are no test views"));
+            Ok(None)
+        }
+        read => read.map(Some),
+    }
 }
 
-fn shots(
+/// Finds the images of a list, in its order.
+fn find(
     transforms: &Transforms,
+    folders: &Folders<'_>,
     options: &LoadOptions,
-    truth_of: impl Fn(&Path) -> Truth,
     notes: &mut Vec<String>,
-) -> Result<Vec<Shot>> {
-    let mut shots = Vec::with_capacity(transforms.frames.len());
-    for frame in &transforms.frames {
-        if frame.is_macos_shadow() {
-            notes.push(format!("skipped {:?}, which macOS made for its own use", frame.file_path));
-            continue;
+) -> Result<Vec<(PathBuf, Shot)>> {
+    let places = transforms.places(folders.files, options, notes);
+    let frames = transforms.frames.iter().zip(places);
+    // Sizes in these lists may belong to larger images of another shape.
+    let posed: Result<Vec<_>> = frames.map(|(frame, image)| transforms.posed(frame, image, None)).collect();
+    found(posed?, folders, options, notes)
+}
+
+/// Finds the test views with their ground truth. A list whose pictures were never rendered has
+/// none.
+fn find_test(
+    test: &Transforms,
+    folders: &Folders<'_>,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+) -> Result<Vec<(PathBuf, Shot)>> {
+    let mut shots = match find(test, folders, options, notes) {
+        Err(error @ (Error::NoImages { .. } | Error::UnreadFormat { .. })) => {
+            notes.push(format!("there are no test views of {:?}: {error}", test.path()));
+            Vec::new()
         }
-        shots.push(shot(transforms, frame, options, &truth_of)?);
+        shots => shots?,
+    };
+    for (_, shot) in &mut shots {
+        (shot.normal, shot.materials) = truth_beside(&shot.image);
     }
     Ok(shots)
 }
 
-fn shot(
-    transforms: &Transforms,
-    frame: &Frame,
-    options: &LoadOptions,
-    truth_of: &impl Fn(&Path) -> Truth,
-) -> Result<Shot> {
-    let image = transforms.image_of(frame)?;
-    let Truth { normal, materials } = truth_of(&image);
-    Ok(Shot {
-        name: frame.name(),
-        mask: None,
-        normal,
-        materials,
-        pose: transforms.pose(frame)?,
-        // Sizes in these lists may belong to larger images of another shape.
-        measured_size: None,
-        lens: Box::new(transforms.lens(frame)),
-        downscale: options.downscale,
-        image,
-    })
-}
-
-/// Files of the ground truth of a view.
-#[derive(Default)]
-struct Truth {
-    normal: Option<NormalFiles>,
-    materials: MaterialFiles,
-}
-
-impl Truth {
-    /// Files beside an image `r_0.png`: `r_0_normal.png`, `r_0_albedo.png`, `r_0_material.png`.
-    /// Opaque images, such as those of `ball` in Shiny Blender, have their coverage in
-    /// `r_0_alpha.png`.
-    fn beside(image: &Path) -> Self {
-        let Some(stem) = image.file_stem() else { return Self::default() };
-        let named = |kind: &str| image.with_file_name(format!("{}_{kind}.png", stem.to_string_lossy()));
-        let beside = |kind: &str| Some(named(kind)).filter(|path| path.is_file());
-        Self {
-            normal: beside("normal").map(|map| NormalFiles { map, coverage: beside("alpha") }),
-            materials: MaterialFiles { albedo: beside("albedo"), surface: beside("material") },
-        }
-    }
+/// Files of the ground truth beside an image `r_0.png`: `r_0_normal.png`, `r_0_albedo.png`,
+/// `r_0_material.png`. Opaque images, such as those of `ball` in Shiny Blender, have their coverage
+/// in `r_0_alpha.png`.
+fn truth_beside(image: &Path) -> (Option<NormalFiles>, MaterialFiles) {
+    let stem = image.file_stem().unwrap_or_default();
+    let named = |kind: &str| image.with_file_name(format!("{}_{kind}.png", stem.to_string_lossy()));
+    let beside = |kind: &str| Some(named(kind)).filter(|path| path.is_file());
+    let normal = beside("normal").map(|map| NormalFiles { map, coverage: beside("alpha") });
+    (normal, MaterialFiles { albedo: beside("albedo"), surface: beside("material") })
 }

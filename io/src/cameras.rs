@@ -5,7 +5,7 @@ use crate::{
     budget::{LIST, view_size},
     error::{Error, Result},
     json, origin,
-    transforms::{Frame, Transforms},
+    transforms::{Frame, Transforms, orthogonal},
 };
 use glam::{DVec3, Mat3};
 use serde::{Deserialize, Serialize, Serializer};
@@ -73,7 +73,7 @@ pub fn load_transforms(path: &Path, default_size: [u32; 2], origin: [f64; 3]) ->
 
 fn size_of(transforms: &Transforms, frame: &Frame) -> Result<Option<[u32; 2]>> {
     let of_image = || {
-        let image = transforms.image_of(frame).ok()?;
+        let image = transforms.image_of(frame)?;
         image::image_dimensions(image).ok().map(|(width, height)| [width, height])
     };
     Ok(transforms.stated_size(frame)?.or_else(of_image))
@@ -133,9 +133,10 @@ impl Entry {
         if let Some(what) = of_size.or_else(|| self.fault().map(str::to_owned)) {
             return Err(Error::Frame { path: path.to_owned(), frame: self.img_name, what });
         }
+        let camera_from_world = self.camera_from_world().expect("it has no fault");
         let [centre_x, centre_y] = centre(self.width, self.height);
         let camera = Camera {
-            camera_from_world: Mat3::from_cols_array_2d(&self.rotation),
+            camera_from_world,
             position: (DVec3::from(self.position) - (DVec3::from(origin) - DVec3::from(self.origin))).as_vec3(),
             focal_px: [self.fx, self.fy],
             principal_px: [self.cx.unwrap_or(centre_x), self.cy.unwrap_or(centre_y)],
@@ -146,11 +147,12 @@ impl Entry {
         Ok((self.img_name, camera))
     }
 
+    fn camera_from_world(&self) -> Option<Mat3> {
+        orthogonal(Mat3::from_cols_array_2d(&self.rotation).as_dmat3()).map(|(rotation, _)| rotation.as_mat3())
+    }
+
     fn fault(&self) -> Option<&'static str> {
-        let rotation = Mat3::from_cols_array_2d(&self.rotation);
-        let excess = rotation * rotation.transpose() - Mat3::IDENTITY;
-        let is_rotation =
-            excess.to_cols_array().iter().all(|number| number.abs() <= 1e-3) && rotation.determinant() > 0.0;
+        let is_rotation = self.camera_from_world().is_some_and(|rotation| rotation.determinant() > 0.0);
         if !(self.fx > 0.0 && self.fy > 0.0 && self.fx.is_finite() && self.fy.is_finite()) {
             Some("has an impossible focal length; fx and fy must be above 0")
         } else if !self.position.iter().chain(&self.origin).all(|number| (*number as f32).is_finite()) {

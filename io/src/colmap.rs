@@ -9,8 +9,9 @@ mod text;
 use crate::{
     error::{Error, Result},
     listing::{Listing, LoadOptions},
+    named::Files,
     photographs::{self, Folders, HeldOut, Posed},
-    points_ply::PointCloud,
+    points_ply::{self, PointCloud},
 };
 use glam::DVec3;
 use record::{Camera, Image, Point, refuse};
@@ -88,19 +89,22 @@ fn numbered(place: &Path) -> Vec<PathBuf> {
 }
 
 /// Lists a data set whose cameras COLMAP found, and reads its points.
-pub(crate) fn list(folder: &Path, model: &Model, options: &LoadOptions) -> Result<Listing> {
-    let cameras = read_cameras(model)?;
+pub(crate) fn list(files: &Files, model: &Model, options: &LoadOptions) -> Result<Listing> {
+    let mut cameras = read_cameras(model)?;
     let images = read_images(model)?;
     if images.is_empty() {
         return Err(Error::NoFrames { path: model.file("images") });
     }
     let mut notes = Vec::new();
-    note_several(folder, model, &mut notes);
-    let kinds: BTreeSet<&str> = cameras.values().map(|camera| camera.model.name).collect();
-    let posed: Result<Vec<Posed>> = images.into_iter().map(|image| posed(model, image, &cameras)).collect();
-    let folders = Folders { root: folder.to_owned(), images: folder.join(&options.images) };
-    let mut listing = photographs::list(posed?, &folders, &HeldOut::Every(options.test_every), options)?;
+    note_several(&files.root, model, &mut notes);
+    let folders = Folders { files, images: PathBuf::from(&options.images) };
+    let written = images.iter().map(|image| image.name.as_str());
+    let places = files.placed_all(&folders.images, Path::new(""), written, &mut notes);
+    let posed = images.into_iter().zip(places).map(|(image, place)| posed(model, image, place, &mut cameras));
+    let posed = posed.collect::<Result<Vec<Posed>>>()?;
+    let mut listing = photographs::list(posed, &folders, &HeldOut::Every(options.test_every), options)?;
     listing.notes.splice(0..0, notes);
+    let kinds: BTreeSet<&str> = cameras.values().flatten().map(|camera| camera.model.name).collect();
     listing.source = format!(
         "COLMAP's model in {:?} ({}; {} cameras, {})",
         model.folder,
@@ -108,8 +112,16 @@ pub(crate) fn list(folder: &Path, model: &Model, options: &LoadOptions) -> Resul
         cameras.len(),
         kinds.into_iter().collect::<Vec<_>>().join(", ")
     );
+    match model.folder == files.root {
+        true => listing.used.extend(["cameras", "images", "points3D"].map(|name| model.file(name))),
+        false => listing.used.push(model.folder.clone()),
+    }
     if options.points.is_none() {
-        listing.points = Some(read_points(model, &mut listing.notes)?);
+        let cloud = Some(model.file("points3D")).filter(|path| !path.is_file()).and_then(|_| points_ply::find(files));
+        listing.points = Some(match cloud {
+            Some(path) => points_ply::read_noting(&path, &mut listing.notes)?,
+            None => read_points(model, &mut listing.notes)?,
+        });
     }
     Ok(listing)
 }
@@ -124,16 +136,20 @@ fn note_several(folder: &Path, model: &Model, notes: &mut Vec<String>) {
     }
 }
 
-fn posed(model: &Model, image: Image, cameras: &BTreeMap<u32, Camera>) -> Result<Posed> {
+fn posed(model: &Model, image: Image, place: PathBuf, cameras: &mut BTreeMap<u32, Result<Camera>>) -> Result<Posed> {
     let refuse = |what: &str| refuse(&model.file("images"), format!("image {:?}", image.name), what);
-    let camera = cameras.get(&image.camera);
-    let camera = camera.ok_or_else(|| refuse(&format!("has the camera {}, which is not listed", image.camera)))?;
-    let lens = camera.lens();
+    let camera = cameras
+        .entry(image.camera)
+        .or_insert_with(|| Err(refuse(&format!("has the camera {}, which is not listed", image.camera))));
+    let lens = match camera {
+        Ok(camera) => camera.lens(),
+        Err(_) => return Err(cameras.remove(&image.camera).and_then(Result::err).expect("it is one")),
+    };
     let pose = image.pose().ok_or_else(|| {
         refuse("has a pose that is not finite, or no rotation; remove the image, or reconstruct again")
     })?;
     Ok(Posed {
-        image: PathBuf::from(image.name),
+        image: place,
         mask: None,
         pose,
         measured_size: Some([lens.width, lens.height]),
@@ -141,14 +157,15 @@ fn posed(model: &Model, image: Image, cameras: &BTreeMap<u32, Camera>) -> Result
     })
 }
 
-fn read_cameras(model: &Model) -> Result<BTreeMap<u32, Camera>> {
+/// Reads cameras. A faulty one is an error where an image has it.
+fn read_cameras(model: &Model) -> Result<BTreeMap<u32, Result<Camera>>> {
     let path = model.file("cameras");
     let cameras = if model.is_text { text::cameras(&path)? } else { binary::cameras(&path)? };
-    let checked = |camera: Camera| {
-        let id = camera.id;
-        camera.checked().map(|camera| (id, camera)).map_err(|what| refuse(&path, format!("camera {id}"), what))
+    let checked = |(id, camera): (u32, Result<Camera>)| {
+        let refuse = |what: String| refuse(&path, format!("camera {id}"), what);
+        (id, camera.and_then(|camera| camera.checked().map_err(refuse)))
     };
-    cameras.into_iter().map(checked).collect()
+    Ok(cameras.into_iter().map(checked).collect())
 }
 
 fn read_images(model: &Model) -> Result<Vec<Image>> {

@@ -10,8 +10,10 @@
 use crate::{
     blender, colmap,
     error::{Error, Result},
+    left_out::left_out,
     listing::Listing,
     materials::MaterialFiles,
+    named::Files,
     nerfstudio, origin,
     points_ply::{self, PointCloud},
     shot::Shot,
@@ -26,6 +28,19 @@ pub use crate::{
     shot::{Changes, View},
 };
 
+/// What a data set holds, beside its pictures.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Report {
+    /// Short description of the source of the cameras: format, list, lenses.
+    pub source: String,
+    /// Rule of the held-out views.
+    pub held_out: String,
+    /// Number of pictures with a mask.
+    pub masks: usize,
+    /// Files and folders that are not used, with the reason.
+    pub left_out: Vec<String>,
+}
+
 /// Training views, test views and initial points.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Dataset {
@@ -37,8 +52,8 @@ pub struct Dataset {
     pub points: Option<PointCloud>,
     /// Origin of cameras and points in the data set's world ([`crate::origin`]).
     pub origin: [f64; 3],
-    /// Short description of the source of the cameras.
-    pub source: String,
+    /// What the data set holds.
+    pub report: Report,
     /// Notes on skipped, changed or assumed data, one sentence each.
     pub notes: Vec<String>,
 }
@@ -53,8 +68,8 @@ pub struct Album {
     pub points: Option<PointCloud>,
     /// Origin of cameras and points in the data set's world ([`crate::origin`]).
     pub origin: [f64; 3],
-    /// Short description of the source of the cameras.
-    pub source: String,
+    /// What the data set holds.
+    pub report: Report,
     /// Notes on skipped or assumed data, one sentence each.
     pub notes: Vec<String>,
 }
@@ -66,11 +81,17 @@ impl Album {
     ///
     /// An error of the listing or of the points.
     pub fn list(folder: &Path, options: &LoadOptions) -> Result<Self> {
-        let Listing { train: mut shots, test, points, origin, source, notes } = list(folder, options)?;
-        let points = read_points(folder, options, points)?.map(|points| points.relative_to(origin));
+        let (Listing { train: mut shots, test, mut points, origin, mut notes, .. }, report) = list(folder, options)?;
+        if let Some(path) = &options.points {
+            points = Some(points_ply::read_noting(path, &mut notes)?);
+        }
+        let points = points.map(|points| points.relative_to(origin));
+        if !report.left_out.is_empty() {
+            notes.push(format!("not used: {}", report.left_out.join("; ")));
+        }
         let held_out = if options.with_test { test.len() } else { 0 };
         shots.extend(test);
-        Ok(Self { train: shots.len() - held_out, shots, points, origin, source, notes })
+        Ok(Self { train: shots.len() - held_out, shots, points, origin, report, notes })
     }
 
     /// Number of pictures: those to train on, then those held out.
@@ -130,12 +151,12 @@ pub fn load(folder: &Path, options: &LoadOptions, progress: impl Fn(usize, usize
     let album = Album::list(folder, options)?;
     let opened = open_all(&album, progress)?;
     let train_count = album.train;
-    let Album { points, origin, source, mut notes, .. } = album;
+    let Album { points, origin, report, mut notes, .. } = album;
     let (mut train, changes): (Vec<View>, Vec<Changes>) = opened.into_iter().unzip();
     note_changes(&changes, &mut notes);
     let test = train.split_off(train_count);
     note_missing_normals(test.iter().map(|view| view.normal.is_some()), &mut notes);
-    Ok(Dataset { train, test, points, origin, source, notes })
+    Ok(Dataset { train, test, points, origin, report, notes })
 }
 
 /// Reads one view by its index among the training or test views of [`load`] with the same options.
@@ -146,57 +167,70 @@ pub fn load(folder: &Path, options: &LoadOptions, progress: impl Fn(usize, usize
 pub fn load_one(folder: &Path, options: &LoadOptions, is_held_out: bool, index: usize) -> Result<Option<View>> {
     // With a point cloud in the options, the data set's points are not read.
     let without_points = LoadOptions { points: Some(PathBuf::new()), ..options.clone() };
-    let Listing { train, test, .. } = list(folder, &without_points)?;
+    let (Listing { train, test, .. }, _) = list(folder, &without_points)?;
     // Without held-out views, test views follow the training views.
     let place = if is_held_out { train.len() + index } else { index };
     let shot = train.iter().chain(&test).nth(place);
     shot.map(|shot| shot.open().map(|(view, _)| view)).transpose()
 }
 
-/// Lists a data set, its cameras relative to an origin near them.
-fn list(folder: &Path, options: &LoadOptions) -> Result<Listing> {
-    let mut listing = list_in_world(folder, options)?;
-    let Listing { train, test, .. } = &listing;
-    let positions = train.iter().chain(test).map(|shot| shot.pose.position);
-    let origin = options.origin.unwrap_or_else(|| origin::of_cameras(positions));
-    listing.train.iter_mut().chain(&mut listing.test).for_each(|shot| shot.pose.position -= DVec3::from(origin));
-    if let Some(comment) = origin::comment(origin) {
-        listing.notes.push(format!("positions are relative to the {comment}, since the cameras are far from 0 0 0"));
-    }
-    listing.origin = origin;
-    Ok(listing)
-}
-
-fn list_in_world(folder: &Path, options: &LoadOptions) -> Result<Listing> {
+fn list(folder: &Path, options: &LoadOptions) -> Result<(Listing, Report)> {
     if options.downscale == 0 {
         return Err(Error::Downscale { path: folder.to_owned(), downscale: 0 });
     }
     if !folder.is_dir() {
         return Err(Error::NoFolder { path: folder.to_owned() });
     }
+    let inner = undistorted_workspace(folder, options);
+    let files = Files::below(inner.as_deref().unwrap_or(folder));
+    let mut listing = list_files(&files, options)?;
+    listing.notes.extend(inner.map(|inner| format!("the data set is that in {inner:?}")));
+    if let Some(path) = points_ply::find(&files).filter(|_| listing.points.is_none() && options.points.is_none()) {
+        listing.points = Some(points_ply::read_noting(&path, &mut listing.notes)?);
+        listing.used.push(path);
+    }
+    move_to_origin(&mut listing, options);
+    let masks = listing.train.iter().chain(&listing.test).filter(|shot| shot.mask.is_some()).count();
+    let left_out = left_out(&files, &listing);
+    let (source, held_out) = (core::mem::take(&mut listing.source), core::mem::take(&mut listing.held_out));
+    Ok((listing, Report { source, held_out, masks, left_out }))
+}
+
+/// Makes positions of cameras relative to an origin near them, if they are far from that of their
+/// world.
+fn move_to_origin(listing: &mut Listing, options: &LoadOptions) {
+    let positions = listing.train.iter().chain(&listing.test).map(|shot| shot.pose.position);
+    let origin = options.origin.unwrap_or_else(|| origin::of_cameras(positions));
+    listing.train.iter_mut().chain(&mut listing.test).for_each(|shot| shot.pose.position -= DVec3::from(origin));
+    if let Some(comment) = origin::comment(origin) {
+        listing.notes.push(format!("positions are relative to the {comment}, since the cameras are far from 0 0 0"));
+    }
+    listing.origin = origin;
+}
+
+fn list_files(files: &Files, options: &LoadOptions) -> Result<Listing> {
+    let folder = &files.root;
     if folder.join(blender::TRAIN).is_file() {
-        return blender::list(folder, options);
+        return blender::list(files, options);
     }
     if folder.join(nerfstudio::LIST).is_file() && !colmap::is_at(folder) {
-        return nerfstudio::list(folder, options);
+        return nerfstudio::list(files, options);
     }
-    let model = colmap::find(folder).ok_or_else(|| Error::NoTransforms { path: folder.to_owned() })?;
-    colmap::list(folder, &model, options)
+    let model = colmap::find(folder).ok_or_else(|| Error::NoTransforms { path: folder.clone() })?;
+    colmap::list(files, &model, options)
+}
+
+/// Data set that COLMAP has put into a folder of its workspace, where that has no images of its own.
+fn undistorted_workspace(folder: &Path, options: &LoadOptions) -> Option<PathBuf> {
+    const PLACES: [&str; 2] = ["dense/0", "dense"];
+    let has_own = [blender::TRAIN, nerfstudio::LIST, &options.images].iter().any(|name| folder.join(name).exists());
+    PLACES.into_iter().filter(|_| !has_own).map(|place| folder.join(place)).find(|place| colmap::is_at(place))
 }
 
 /// Returns whether a folder has the layout of a data set.
 pub fn is_dataset(folder: &Path) -> bool {
-    [blender::TRAIN, nerfstudio::LIST].iter().any(|name| folder.join(name).is_file()) || colmap::find(folder).is_some()
-}
-
-fn read_points(folder: &Path, options: &LoadOptions, listed: Option<PointCloud>) -> Result<Option<PointCloud>> {
-    let default = folder.join("points3d.ply");
-    match &options.points {
-        Some(path) => points_ply::read(path).map(Some),
-        None if listed.is_some() => Ok(listed),
-        None if default.is_file() => points_ply::read(&default).map(Some),
-        None => Ok(None),
-    }
+    let has_list = [blender::TRAIN, nerfstudio::LIST].iter().any(|name| folder.join(name).is_file());
+    has_list || colmap::find(folder).is_some() || undistorted_workspace(folder, &LoadOptions::default()).is_some()
 }
 
 /// Opens all images. The error returned is the first in the list's order, independent of threads.

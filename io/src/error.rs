@@ -1,5 +1,6 @@
 //! Errors of reading and writing, one sentence each.
 
+use crate::named::unread_format;
 use std::{io, path::PathBuf};
 
 /// Result of reading or writing.
@@ -80,7 +81,10 @@ pub enum Error {
         path: PathBuf,
     },
     /// None of the images of the cameras exists.
-    #[error("none of the images that the cameras of {data:?} name is in {path:?}, not even {first:?}")]
+    #[error(
+        "none of the images that the cameras of {data:?} name is in {path:?}, not even {first:?}{}",
+        elsewhere.as_ref().map_or(String::new(), |folder| format!(", which {folder:?} has"))
+    )]
     NoImages {
         /// The folder of the data set.
         data: PathBuf,
@@ -88,6 +92,14 @@ pub enum Error {
         path: PathBuf,
         /// Name of the first image.
         first: PathBuf,
+        /// Folder within the data set that has an image of this name.
+        elsewhere: Option<PathBuf>,
+    },
+    /// The images of the cameras are of a format that is not read.
+    #[error("{path:?} is of a format that is not read; convert the images to PNG or JPEG under their names")]
+    UnreadFormat {
+        /// The first image.
+        path: PathBuf,
     },
     /// An image has another shape than its camera.
     #[error(
@@ -166,16 +178,6 @@ pub enum Error {
         frame: String,
         /// Fault and remedy.
         what: String,
-    },
-    /// The image of a camera does not exist.
-    #[error("no image {path:?}, which frame {frame:?} of {transforms:?} names; png, jpg, jpeg and webp were tried")]
-    MissingImage {
-        /// Path of the image, as far as it is known.
-        path: PathBuf,
-        /// Name of the frame.
-        frame: String,
-        /// The list of cameras.
-        transforms: PathBuf,
     },
     /// A file cannot be decoded as an image.
     #[error("cannot decode {path:?}: {cause}; save the image again, or leave it out")]
@@ -380,7 +382,13 @@ impl Error {
             image::ImageError::Limits(_) => {
                 Self::Image { path, cause: "its header promises more pixels than its bytes can hold".into() }
             }
-            other => Self::Image { path, cause: other.to_string() },
+            other => {
+                let cause = match unread_format(&path) {
+                    Some(format) => format!("it is {format}, and PNG, JPEG and WebP are read"),
+                    None => other.to_string(),
+                };
+                Self::Image { path, cause }
+            }
         }
     }
 }

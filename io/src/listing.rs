@@ -1,7 +1,7 @@
 //! Options and listings that all data-set formats share.
 
 use crate::{points_ply::PointCloud, shot::Shot};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Options for reading a data set.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,8 +12,8 @@ pub struct LoadOptions {
     pub with_test: bool,
     /// Point cloud to start from, in place of the data set's.
     pub points: Option<PathBuf>,
-    /// Folder of images that COLMAP reconstructed, within the data set. Smaller copies in a folder
-    /// such as `images_4` are read where there are any.
+    /// Folder of images within the data set; lists of paths decide it, unless it is another one than
+    /// [`IMAGES`]. Smaller copies in a folder such as `images_4` are read where there are any.
     pub images: String,
     /// Every Nth photograph by name, from the first, is held out where the data set names no test
     /// views; none for 0.
@@ -36,6 +36,13 @@ impl Default for LoadOptions {
     }
 }
 
+impl LoadOptions {
+    /// Folder of images that takes the place of the folders in a list's paths.
+    pub(crate) fn other_images(&self) -> Option<&Path> {
+        (self.images != IMAGES).then_some(Path::new(&self.images))
+    }
+}
+
 /// Default folder of images.
 pub const IMAGES: &str = "images";
 /// Default N where every Nth photograph is held out, as in the literature.
@@ -51,4 +58,8 @@ pub(crate) struct Listing {
     pub(crate) origin: [f64; 3],
     pub(crate) source: String,
     pub(crate) notes: Vec<String>,
+    /// Rule of the held-out views.
+    pub(crate) held_out: String,
+    /// Files that were read, or will be, beside those of the shots.
+    pub(crate) used: Vec<PathBuf>,
 }

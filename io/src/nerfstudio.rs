@@ -2,11 +2,12 @@
 
 use crate::{
     colmap,
-    error::Result,
+    error::{Error, Result},
     listing::{Listing, LoadOptions},
-    photographs::{self, Folders, HeldOut, Posed},
+    named::{Files, key_of, stem_of},
+    photographs::{self, Folders, HeldOut, Posed, some_of},
     points_ply::{self, PointCloud},
-    transforms::{Frame, Transforms},
+    transforms::{Transforms, places_of},
 };
 use glam::{DMat3, DVec3};
 use std::{
@@ -18,98 +19,150 @@ use std::{
 pub(crate) const LIST: &str = "transforms.json";
 
 /// Lists a data set, and reads its points.
-pub(crate) fn list(folder: &Path, options: &LoadOptions) -> Result<Listing> {
-    let mut transforms = Transforms::read(&folder.join(LIST))?;
-    let mut notes = Vec::new();
-    leave_out_unnamed(&mut transforms, &mut notes);
-    let shared = shared_folder(&transforms.frames);
-    let folders = Folders { root: folder.to_owned(), images: folder.join(&shared) };
-    let posed: Result<Vec<Posed>> = transforms.frames.iter().map(|frame| posed(&transforms, frame, &shared)).collect();
-    let held_out = held_out(&transforms, &shared, options);
-    let mut listing = photographs::list(posed?, &folders, &held_out, options)?;
+pub(crate) fn list(files: &Files, options: &LoadOptions) -> Result<Listing> {
+    list_of(Transforms::read(&files.root.join(LIST))?, files, options)
+}
+
+/// Lists the data set of a file, and reads its points.
+pub(crate) fn list_of(mut transforms: Transforms, files: &Files, options: &LoadOptions) -> Result<Listing> {
+    let mut notes = transforms.notes();
+    let mut places = transforms.places(files, options, &mut notes);
+    let split = Split::of(&transforms, files, options, &places, &mut notes)?;
+    if let Some(split) = &split {
+        leave_out_unnamed(&mut transforms, &mut places, split, &mut notes);
+    }
+    let images = options.other_images().map_or_else(|| shared_folder(&places), Path::to_owned);
+    let below = |place: &Path| place.strip_prefix(&images).unwrap_or(place).to_owned();
+    let frames = transforms.frames.iter().zip(&places);
+    let posed = frames.map(|(frame, place)| transforms.posed(frame, below(place), transforms.stated_size(frame)?));
+    let posed = posed.collect::<Result<Vec<Posed>>>()?;
+    let held_out = match split {
+        Some(Split { held_out, .. }) if !held_out.is_empty() => {
+            let is_held_out = |place: &&PathBuf| held_out.contains(&split_key(place));
+            HeldOut::Named(places.iter().filter(is_held_out).map(|place| split_key(&below(place))).collect())
+        }
+        _ => HeldOut::Every(options.test_every),
+    };
+    let mut listing = photographs::list(posed, &Folders { files, images }, &held_out, options)?;
     listing.notes.splice(0..0, notes);
-    listing.source = format!("{:?}", transforms.path());
-    listing.points = points(&transforms, folder, options, &mut listing.notes)?;
+    listing.source = transforms.description();
+    listing.used.push(transforms.path().to_owned());
+    listing.points = points(&transforms, files, options, &mut listing)?;
     Ok(listing)
 }
 
-fn posed(transforms: &Transforms, frame: &Frame, shared: &Path) -> Result<Posed> {
-    Ok(Posed {
-        image: within(shared, &frame.file_path),
-        mask: frame.mask_path.as_ref().map(|mask| transforms.folder().join(mask.trim_start_matches("./"))),
-        pose: transforms.pose(frame)?,
-        measured_size: transforms.stated_size(frame)?,
-        lens: Box::new(transforms.lens(frame)),
-    })
+/// Images that a file's lists name, by their keys.
+struct Split {
+    /// Images to train on; none where the file does not say.
+    train: Option<HashSet<String>>,
+    held_out: HashSet<String>,
+}
+
+impl Split {
+    /// Lists of training and of test views; none if the file has neither. Names that are those of no
+    /// frame are noted.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Place`], where all of the training names are.
+    fn of(
+        transforms: &Transforms,
+        files: &Files,
+        options: &LoadOptions,
+        places: &[PathBuf],
+        notes: &mut Vec<String>,
+    ) -> Result<Option<Self>> {
+        let frames: HashSet<String> = places.iter().map(|place| split_key(place)).collect();
+        let mut keys = |key: &str, names: &[String]| {
+            let places = places_of(names.iter().map(String::as_str), files, options, &mut Vec::new());
+            let unknown = || names.iter().zip(&places).filter(|(_, place)| !frames.contains(&split_key(place)));
+            let unknown: Vec<&String> = unknown().map(|(name, _)| name).collect();
+            if !unknown.is_empty() {
+                notes.push(format!("{} names of {key} are those of no frame: {}", unknown.len(), some_of(&unknown)));
+            }
+            places.iter().map(|place| split_key(place)).filter(|key| frames.contains(key)).collect::<HashSet<String>>()
+        };
+        let rest = &transforms.rest;
+        let train = rest.train_filenames.as_ref().map(|names| keys("train_filenames", names));
+        let test = rest.test_filenames.as_deref().map(|names| ("test_filenames", names));
+        let test = test.or(rest.val_filenames.as_deref().map(|names| ("val_filenames", names)));
+        let held_out = test.map_or_else(HashSet::new, |(key, names)| keys(key, names));
+        if train.as_ref().is_some_and(HashSet::is_empty) {
+            let (path, place) = (transforms.path().to_owned(), "train_filenames".into());
+            return Err(Error::Place { path, place, what: "names no frame; correct its names, or remove it".into() });
+        }
+        Ok((train.is_some() || !held_out.is_empty()).then_some(Self { train, held_out }))
+    }
+}
+
+fn split_key(place: &Path) -> String {
+    stem_of(&key_of(place)).to_owned()
 }
 
 /// Removes frames that the file's lists of training and test views omit.
-fn leave_out_unnamed(transforms: &mut Transforms, notes: &mut Vec<String>) {
-    let Some(train) = transforms.rest.train_filenames.clone() else { return };
-    let named: HashSet<String> =
-        train.into_iter().chain(held_out_names(transforms).cloned().unwrap_or_default()).collect();
-    let all = transforms.frames.len();
-    transforms.frames.retain(|frame| named.contains(&frame.file_path));
-    let left_out = all - transforms.frames.len();
+fn leave_out_unnamed(transforms: &mut Transforms, places: &mut Vec<PathBuf>, split: &Split, notes: &mut Vec<String>) {
+    let Some(train) = &split.train else { return };
+    let is_named = |place: &Path| [train, &split.held_out].iter().any(|names| names.contains(&split_key(place)));
+    let all = places.len();
+    let mut named = places.iter().map(|place| is_named(place)).collect::<Vec<_>>().into_iter();
+    transforms.frames.retain(|_| named.next().unwrap_or_default());
+    places.retain(|place| is_named(place));
+    let left_out = all - places.len();
     if left_out > 0 {
         notes.push(format!("skipped {left_out} frames that are not named for training or testing"));
     }
 }
 
-/// Names of test views, where the file lists them.
-fn held_out_names(transforms: &Transforms) -> Option<&Vec<String>> {
-    let rest = &transforms.rest;
-    rest.test_filenames.as_ref().or(rest.val_filenames.as_ref()).filter(|names| !names.is_empty())
-}
-
-fn held_out(transforms: &Transforms, shared: &Path, options: &LoadOptions) -> HeldOut {
-    match held_out_names(transforms) {
-        Some(names) => HeldOut::Named(names.iter().map(|name| within(shared, name)).collect()),
-        None => HeldOut::Every(options.test_every),
-    }
-}
-
 /// Common folder of all images; empty if there are several.
-fn shared_folder(frames: &[Frame]) -> PathBuf {
-    let first = |frame: &Frame| {
-        let mut parts = Path::new(frame.file_path.trim_start_matches("./")).components();
+fn shared_folder(places: &[PathBuf]) -> PathBuf {
+    let first = |place: &PathBuf| {
+        let mut parts = place.components();
         let first = parts.next().map(|part| PathBuf::from(part.as_os_str()));
         first.filter(|_| parts.next().is_some())
     };
-    let shared = frames.first().and_then(first);
-    shared.filter(|shared| frames.iter().all(|frame| first(frame).as_ref() == Some(shared))).unwrap_or_default()
-}
-
-/// Path relative to the common folder.
-fn within(shared: &Path, file_path: &str) -> PathBuf {
-    let path = Path::new(file_path.trim_start_matches("./"));
-    path.strip_prefix(shared).unwrap_or(path).to_owned()
+    let shared = places.first().and_then(first);
+    shared.filter(|shared| places.iter().all(|place| first(place).as_ref() == Some(shared))).unwrap_or_default()
 }
 
 /// Points in the world of the frames: those that the file names, or COLMAP's under the file's
 /// transform.
 fn points(
     transforms: &Transforms,
-    folder: &Path,
+    files: &Files,
     options: &LoadOptions,
-    notes: &mut Vec<String>,
+    listing: &mut Listing,
 ) -> Result<Option<PointCloud>> {
-    if options.points.is_some() {
-        return Ok(None);
+    let named = named_points(transforms, files, options, listing)?;
+    if named.is_some() || options.points.is_some() {
+        return Ok(named);
     }
-    if let Some(name) = &transforms.rest.ply_file_path {
-        let path = folder.join(name);
-        if path.is_file() {
-            return points_ply::read(&path).map(Some);
-        }
-        notes.push(format!("{path:?}, which {LIST} names for its points, is not there"));
-    }
-    let Some(model) = colmap::find(folder) else { return Ok(None) };
-    let mut points = colmap::read_points(&model, notes)?;
+    let Some(model) = colmap::find(&files.root) else { return Ok(None) };
+    let mut points = colmap::read_points(&model, &mut listing.notes)?;
     if let Some(rows) = &transforms.rest.applied_transform {
         apply(rows, &mut points);
     }
-    notes.push(format!("points are those of COLMAP in {:?}", model.folder));
+    listing.notes.push(format!("points are those of COLMAP in {:?}", model.folder));
+    listing.used.push(model.folder);
+    Ok(Some(points))
+}
+
+/// Points that a list of cameras names.
+pub(crate) fn named_points(
+    transforms: &Transforms,
+    files: &Files,
+    options: &LoadOptions,
+    listing: &mut Listing,
+) -> Result<Option<PointCloud>> {
+    let Some(name) = transforms.rest.ply_file_path.as_ref().filter(|_| options.points.is_none()) else {
+        return Ok(None);
+    };
+    let Some(path) = files.named_file(name) else {
+        let list = transforms.path();
+        listing.notes.push(format!("{name:?}, which {list:?} names for its points, is not there"));
+        return Ok(None);
+    };
+    let points = points_ply::read_noting(&path, &mut listing.notes)?;
+    listing.used.push(path);
     Ok(Some(points))
 }
 

@@ -1,4 +1,4 @@
-//! Listing of photographs from one list of cameras: a folder of images, optional smaller copies and
+//! Listing of photographs from lists of cameras: a folder of images, optional smaller copies and
 //! masks beside it, and held-out views.
 //!
 //! A data set becomes a list of shots, each with a file, a pose and a lens, before any picture is
@@ -10,23 +10,29 @@
 use crate::{
     error::{Error, Result},
     lens::Lens,
-    listing::{Listing, LoadOptions},
+    listing::{Listing, LoadOptions, TEST_EVERY},
+    masks,
     materials::MaterialFiles,
-    shot::{Pose, Shot, find_image, find_mask, is_macos_shadow, name_of, without_image_ending},
+    named::{Absent, Files, key_of, stem_of},
+    shot::{Pose, Shot, find_image, is_macos_shadow, name_of, without_image_ending},
 };
-use std::{collections::HashSet, path::PathBuf};
+use core::fmt::Debug;
+use std::{
+    collections::{HashMap, HashSet, hash_map::Entry},
+    path::PathBuf,
+};
 
-/// Folder of masks, beside the folder of images.
-const MASKS: &str = "masks";
 /// Most names that a note spells out.
 const NAMES_MAX: usize = 3;
+/// Factors of smaller copies, of which the largest are taken where there is nothing else.
+const COPIES: [u32; 3] = [2, 4, 8];
 
 /// A camera of a list, with the name of its image.
 pub(crate) struct Posed {
     /// Image, relative to the folder of images.
     pub(crate) image: PathBuf,
-    /// Mask, where the list names one.
-    pub(crate) mask: Option<PathBuf>,
+    /// Mask as the list names it.
+    pub(crate) mask: Option<String>,
     pub(crate) pose: Pose,
     pub(crate) measured_size: Option<[u32; 2]>,
     pub(crate) lens: Box<dyn Fn([u32; 2]) -> Result<Lens> + Send + Sync>,
@@ -36,77 +42,217 @@ pub(crate) struct Posed {
 pub(crate) enum HeldOut {
     /// Every Nth view by name, from the first, is held out; none for 0.
     Every(u32),
-    /// Images that the list names.
-    Named(HashSet<PathBuf>),
+    /// Images that the list names, by their keys without endings.
+    Named(HashSet<String>),
 }
 
-/// Folders of a data set.
-pub(crate) struct Folders {
-    /// Root of the data set.
-    pub(crate) root: PathBuf,
-    /// Folder of the images.
+/// Files of a data set, and its folder of images below their root.
+pub(crate) struct Folders<'a> {
+    pub(crate) files: &'a Files,
     pub(crate) images: PathBuf,
 }
 
-impl Folders {
+/// File of an image, and the factor by which it remains to be made smaller.
+type Place = core::result::Result<(PathBuf, u32), Absent>;
+
+impl Folders<'_> {
+    /// Folder of the images.
+    fn path(&self) -> PathBuf {
+        self.files.root.join(&self.images)
+    }
+
     /// Finds the image of a camera and its remaining downscaling factor. A copy in a folder such as
     /// `images_4` is taken where it exists and the calibrated size of the lens is known.
-    fn image_of(&self, camera: &Posed, downscale: u32) -> Option<(PathBuf, u32)> {
+    fn image_of(&self, camera: &Posed, downscale: u32) -> Place {
         let may_be_copy = downscale > 1 && camera.measured_size.is_some();
         let copy = may_be_copy.then(|| find_image(&self.smaller(downscale).join(&camera.image))).flatten();
-        copy.map(|copy| (copy, 1)).or_else(|| Some((find_image(&self.images.join(&camera.image))?, downscale)))
+        copy.map_or_else(
+            || Ok((self.files.picture(&self.images.join(&camera.image))?, downscale)),
+            |copy| Ok((copy, 1)),
+        )
+    }
+
+    /// Images of all cameras in the largest smaller copies that there are, with that folder.
+    fn copies_of(&self, posed: &[Posed], downscale: u32) -> Option<(Vec<Place>, PathBuf)> {
+        let of_factor = |factor: u32| {
+            let copy = |camera: &Posed| match camera.measured_size {
+                Some(_) => {
+                    Ok((self.files.picture(&self.smaller(factor).join(&camera.image))?, (downscale / factor).max(1)))
+                }
+                None => Err(Absent::Missing),
+            };
+            (posed.iter().map(copy).collect::<Vec<Place>>(), self.smaller(factor))
+        };
+        COPIES.into_iter().map(of_factor).find(|(places, _)| places.iter().flatten().next().is_some())
     }
 
     /// Folder of smaller copies: `images_4` for `images`.
     fn smaller(&self, downscale: u32) -> PathBuf {
-        let mut name = self.images.as_os_str().to_owned();
+        let mut name = self.path().into_os_string();
         name.push(format!("_{downscale}"));
         name.into()
     }
+
+    /// Refusal of a list of which no image is there.
+    fn none_of(&self, posed: &[Posed], places: &[Place]) -> Error {
+        let first = posed.first().map_or(PathBuf::new(), |camera| camera.image.clone());
+        let unread = |place: &Place| match place {
+            Err(Absent::Unread(path)) => Some(path.clone()),
+            _ => None,
+        };
+        match places.iter().find_map(unread) {
+            Some(path) => Error::UnreadFormat { path: self.files.root.join(path) },
+            None => {
+                let elsewhere = self.files.folder_with(&first);
+                Error::NoImages { data: self.files.root.clone(), path: self.path(), first, elsewhere }
+            }
+        }
+    }
 }
 
-/// Lists photographs by name. Missing images are skipped with a note, since users delete blurred
-/// ones.
+/// Lists photographs by name.
 ///
 /// # Errors
 ///
-/// [`Error::NoImages`], where all are missing.
-pub(crate) fn list(posed: Vec<Posed>, folders: &Folders, held_out: &HeldOut, options: &LoadOptions) -> Result<Listing> {
+/// Those of [`found`].
+pub(crate) fn list(
+    posed: Vec<Posed>,
+    folders: &Folders<'_>,
+    held_out: &HeldOut,
+    options: &LoadOptions,
+) -> Result<Listing> {
     let mut listing = Listing::default();
-    let mut found = Vec::with_capacity(posed.len());
-    let mut missing = Vec::new();
-    let mut copies = 0;
-    for camera in posed {
-        match folders.image_of(&camera, options.downscale) {
-            _ if is_macos_shadow(&camera.image) => missing.push(camera.image),
-            Some((file, downscale)) => {
-                copies += usize::from(downscale != options.downscale);
-                found.push((camera.image.clone(), shot(camera, file, downscale, folders)));
-            }
-            None => missing.push(camera.image),
-        }
-    }
-    if found.is_empty() {
-        let first = missing.first().cloned().unwrap_or_default();
-        return Err(Error::NoImages { data: folders.root.clone(), path: folders.images.clone(), first });
-    }
-    note_copies(&mut listing.notes, copies, found.len(), folders, options.downscale);
-    note_missing(&mut listing.notes, &missing, folders);
+    let mut found = found(posed, folders, options, &mut listing.notes)?;
+    listing.used.extend(masks::assign(folders.files, &folders.images, &mut found, &mut listing.notes));
     found.sort_by(|(one, _), (other, _)| one.cmp(other));
     name_apart(&mut found);
     for (index, (image, shot)) in found.into_iter().enumerate() {
         let is_test = match held_out {
             HeldOut::Every(every) => *every > 0 && index.is_multiple_of(*every as usize),
-            HeldOut::Named(names) => names.contains(&image),
+            HeldOut::Named(names) => names.contains(stem_of(&key_of(&image))),
         };
         if is_test { listing.test.push(shot) } else { listing.train.push(shot) }
+    }
+    listing.held_out = match held_out {
+        HeldOut::Every(0) => "none".into(),
+        HeldOut::Every(every) => format!("every {every}th by name, from the first"),
+        HeldOut::Named(_) => "named by the list".into(),
+    };
+    if matches!(held_out, HeldOut::Named(_)) {
+        note_idle_rule(options, &mut listing.notes);
     }
     Ok(listing)
 }
 
-fn shot(camera: Posed, file: PathBuf, downscale: u32, folders: &Folders) -> Shot {
-    let Posed { image, mask, pose, measured_size, lens } = camera;
-    let mask = mask.or_else(|| find_mask(&folders.root.join(MASKS), &image));
+/// Notes a rule for held-out views that does not apply.
+pub(crate) fn note_idle_rule(options: &LoadOptions, notes: &mut Vec<String>) {
+    if options.test_every != TEST_EVERY {
+        let every = options.test_every;
+        notes.push(format!("lists decide which views are held out, and not that every {every}th is"));
+    }
+}
+
+/// Finds the images of cameras, in their order. Missing images are skipped with a note, since users
+/// delete blurred ones.
+///
+/// # Errors
+///
+/// [`Error::NoImages`] or [`Error::UnreadFormat`], where all are missing.
+pub(crate) fn found(
+    posed: Vec<Posed>,
+    folders: &Folders<'_>,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+) -> Result<Vec<(PathBuf, Shot)>> {
+    let place = |camera: &Posed| match is_macos_shadow(&camera.image) {
+        true => Err(Absent::Missing),
+        false => folders.image_of(camera, options.downscale),
+    };
+    let mut places: Vec<Place> = posed.iter().map(place).collect();
+    if places.iter().flatten().next().is_none() {
+        let (copies, folder) =
+            folders.copies_of(&posed, options.downscale).ok_or_else(|| folders.none_of(&posed, &places))?;
+        notes.push(format!("no image is in {:?}; smaller copies in {folder:?} were taken", folders.path()));
+        places = copies;
+    } else {
+        note_copies(notes, &places, folders, options.downscale);
+    }
+    let owners = owners(&posed, &places, folders);
+    let (mut found, mut skipped) = (Vec::with_capacity(posed.len()), Skipped::default());
+    for (index, (camera, place)) in posed.into_iter().zip(places).enumerate() {
+        match place {
+            Ok((file, downscale)) if owners[&file] == index => {
+                found.push((camera.image.clone(), shot(camera, file, downscale, folders, &mut skipped)));
+            }
+            Ok(_) => skipped.twice.push(camera.image),
+            Err(_) if is_macos_shadow(&camera.image) => skipped.shadows.push(camera.image),
+            Err(Absent::Missing) => skipped.missing.push(camera.image),
+            Err(Absent::Ambiguous) => skipped.ambiguous.push(camera.image),
+            Err(Absent::Unread(path)) => skipped.unread.push(path),
+        }
+    }
+    skipped.note(folders, notes);
+    Ok(found)
+}
+
+/// Camera that each file belongs to: the one that names it exactly, or else the first.
+fn owners(posed: &[Posed], places: &[Place], folders: &Folders<'_>) -> HashMap<PathBuf, usize> {
+    let images = folders.path();
+    let mut owners = HashMap::with_capacity(posed.len());
+    for (index, place) in places.iter().enumerate() {
+        let Ok((file, _)) = place else { continue };
+        let is_exact = |index: usize| images.join(&posed[index].image) == *file;
+        match owners.entry(file.clone()) {
+            Entry::Vacant(owner) => drop(owner.insert(index)),
+            Entry::Occupied(mut owner) if !is_exact(*owner.get()) && is_exact(index) => drop(owner.insert(index)),
+            Entry::Occupied(_) => {}
+        }
+    }
+    owners
+}
+
+/// Images and masks that are not used.
+#[derive(Default)]
+struct Skipped {
+    missing: Vec<PathBuf>,
+    ambiguous: Vec<PathBuf>,
+    unread: Vec<PathBuf>,
+    twice: Vec<PathBuf>,
+    shadows: Vec<PathBuf>,
+    masks: Vec<String>,
+}
+
+impl Skipped {
+    fn note(&self, folders: &Folders<'_>, notes: &mut Vec<String>) {
+        let images = folders.path();
+        let mut note = |count: usize, what: &str, names: String| {
+            if count > 0 {
+                notes.push(format!("skipped {count} {what}: {names}"));
+            }
+        };
+        let lists: [(&[PathBuf], String); 5] = [
+            (&self.missing, format!("cameras without an image in {images:?}")),
+            (&self.ambiguous, format!("cameras of which several images in {images:?} may be meant")),
+            (&self.unread, "images of a format that is not read; convert them to PNG or JPEG".into()),
+            (&self.twice, "cameras of an image that another one has as well".into()),
+            (&self.shadows, "cameras whose image macOS made for its own use".into()),
+        ];
+        lists.iter().for_each(|(list, what)| note(list.len(), what, some_of(list)));
+        note(self.masks.len(), "masks that the list names and that are not there", some_of(&self.masks));
+    }
+}
+
+/// The first of some names, for a note.
+pub(crate) fn some_of(names: &[impl Debug]) -> String {
+    let some: Vec<String> = names.iter().take(NAMES_MAX).map(|name| format!("{name:?}")).collect();
+    let more = if names.len() > NAMES_MAX { ", …" } else { "" };
+    some.join(", ") + more
+}
+
+fn shot(camera: Posed, file: PathBuf, downscale: u32, folders: &Folders<'_>, skipped: &mut Skipped) -> Shot {
+    let Posed { image, mask: named_mask, pose, measured_size, lens } = camera;
+    let mask = named_mask.as_ref().and_then(|mask| folders.files.named_mask(mask).ok());
+    skipped.masks.extend(named_mask.filter(|_| mask.is_none()));
     Shot {
         name: name_of(&image),
         image: file,
@@ -130,25 +276,14 @@ fn name_apart(found: &mut [(PathBuf, Shot)]) {
     }
 }
 
-fn note_copies(notes: &mut Vec<String>, copies: usize, all: usize, folders: &Folders, downscale: u32) {
+fn note_copies(notes: &mut Vec<String>, places: &[Place], folders: &Folders<'_>, downscale: u32) {
+    let found = places.iter().flatten().count();
+    let copies = places.iter().flatten().filter(|(_, remaining)| *remaining != downscale).count();
     if copies > 0 {
-        let rest = match all - copies {
+        let rest = match found - copies {
             0 => String::new(),
             rest => format!("; {rest} are not there and were made smaller"),
         };
         notes.push(format!("{copies} images are those of {:?}{rest}", folders.smaller(downscale)));
-    }
-}
-
-fn note_missing(notes: &mut Vec<String>, missing: &[PathBuf], folders: &Folders) {
-    if !missing.is_empty() {
-        let names: Vec<String> = missing.iter().take(NAMES_MAX).map(|image| format!("{image:?}")).collect();
-        let more = if missing.len() > NAMES_MAX { ", …" } else { "" };
-        let count = missing.len();
-        notes.push(format!(
-            "skipped {count} cameras without an image in {:?}: {}{more}",
-            folders.images,
-            names.join(", ")
-        ));
     }
 }

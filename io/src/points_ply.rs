@@ -1,9 +1,20 @@
 //! Coloured points as PLY files: initial points of a training.
 
-use crate::{error::Result, table::Table, whole_file};
-use std::{io::Write, path::Path};
+use crate::{error::Result, named::Files, table::Table, whole_file};
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+};
 
 const LAYOUT: &str = "a point cloud with x, y, z and, for colours, red, green, blue";
+/// Places of the point cloud of a data set, where its lists name none.
+const PLACES: [&str; 3] = ["points3d.ply", "sparse/0/points3d.ply", "sparse/points3d.ply"];
+/// Names of colours.
+const COLORS: [[&str; 3]; 3] =
+    [["red", "green", "blue"], ["r", "g", "b"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
+/// Names of the mean colours of Gaussians, and their factor.
+const HARMONICS: [&str; 3] = ["f_dc_0", "f_dc_1", "f_dc_2"];
+const SH_0: f32 = 0.282_094_8;
 /// Colour of points without colours, as in 3D Gaussian splatting.
 const GRAY: [f32; 3] = [0.5; 3];
 
@@ -25,28 +36,58 @@ impl PointCloud {
     }
 }
 
-/// Reads points by the names of their properties. Colours in bytes are divided by 255, missing ones
-/// are grey.
+/// Point cloud that lies in a data set.
+pub(crate) fn find(files: &Files) -> Option<PathBuf> {
+    PLACES.iter().find_map(|place| files.file(Path::new(place)))
+}
+
+/// Reads points by the names of their properties. Colours are divided by the largest number of
+/// their type, or of bytes if fractions are above 2; missing ones are grey. Those of Gaussians are
+/// the mean of their harmonics.
 ///
 /// # Errors
 ///
 /// An error of [`crate::Error`] for files that cannot be read or parsed, exceed their memory
 /// budget, or hold numbers that are not finite.
 pub fn read(path: &Path) -> Result<PointCloud> {
+    read_noting(path, &mut Vec::new())
+}
+
+/// Reads points, and notes the lack of colours.
+pub(crate) fn read_noting(path: &Path, notes: &mut Vec<String>) -> Result<PointCloud> {
     let table = Table::open(path)?;
     let count = table.count();
-    let mut names = ["x", "y", "z"].map(str::to_owned).to_vec();
-    let full_scale = table.full_scale("red");
-    if table.has("red") {
-        names.extend(["red", "green", "blue"].map(str::to_owned));
-    }
-
+    let column = |name: &str| table.names().find(|known| known.eq_ignore_ascii_case(name)).map(str::to_owned);
+    let colors = COLORS.into_iter().chain([HARMONICS]).find(|names| column(names[0]).is_some());
+    let names: Vec<String> = ["x", "y", "z"]
+        .iter()
+        .chain(colors.iter().flatten())
+        .map(|name| column(name).unwrap_or_else(|| (*name).to_owned()))
+        .collect();
+    let declared = colors.map_or(1.0, |_| table.full_scale(&names[3]));
     let columns = table.read(&names, LAYOUT)?;
-    let color = |row| if names.len() > 3 { columns.get(row, 3).map(|channel: f32| channel / full_scale) } else { GRAY };
-    Ok(PointCloud {
-        positions: (0..count).map(|row| columns.get(row, 0).map(f64::from)).collect(),
-        colors: (0..count).map(color).collect(),
-    })
+    let stored = |row: usize| columns.get::<3>(row, 3);
+    let colors = match colors {
+        None => {
+            notes.push(format!("{path:?} has no colours that are known (red, green, blue), so its points are grey"));
+            vec![GRAY; count]
+        }
+        Some(HARMONICS) => (0..count).map(|row| stored(row).map(|dc| (0.5 + SH_0 * dc).clamp(0.0, 1.0))).collect(),
+        Some(_) => {
+            let full_scale = full_scale(declared, (0..count).flat_map(stored).fold(0.0, f32::max));
+            (0..count).map(|row| stored(row).map(|channel| channel / full_scale)).collect()
+        }
+    };
+    let positions = (0..count).map(|row| columns.get(row, 0).map(f64::from)).collect();
+    Ok(PointCloud { positions, colors })
+}
+
+/// Number that stands for 1, by that of the columns' type, 1 for fractions, and by the largest of
+/// all numbers. Fractions may be a little too bright.
+fn full_scale(declared: f32, most: f32) -> f32 {
+    let is_fraction = declared == 1.0 && most <= 2.0;
+    let least = if most <= f32::from(u8::MAX) { u8::MAX.into() } else { u16::MAX };
+    if is_fraction { 1.0 } else { least.into() }
 }
 
 /// Writes points in the layout of 3D Gaussian splatting: floats for positions and (zero) normals,

@@ -7,20 +7,55 @@ use crate::{
     error::{Error, Result},
     json,
     lens::{Distortion, Lens},
+    listing::LoadOptions,
+    named::{Files, plain_path},
+    photographs::Posed,
     shot::{self, Pose, camera_of, find_image},
 };
-use core::f64::consts::PI;
+use core::{f64::consts::PI, fmt};
 use glam::{DMat3, DQuat, DVec3};
-use serde::Deserialize;
+use serde::{
+    Deserialize, Deserializer,
+    de::{IgnoredAny, MapAccess, Visitor},
+};
 use specula_core::camera::Camera;
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 /// Tolerance for unit length and right angles of a rotation's columns; printed matrices have 1e-7.
 const RIGID_TOLERANCE: f64 = 1e-3;
+/// Tolerance for numbers of three decimals: products of columns are off by 1.7e-3 at most, and the
+/// mean length by as much a third of the time.
+const COARSE_TOLERANCE: f64 = 2.5e-3;
+/// Entries that change neither pictures nor cameras: what programs note for themselves, and how
+/// they place a scene in their own worlds.
+const IDLE_KEYS: [&str; 17] = [
+    "rotation",
+    "sharpness",
+    "colmap_im_id",
+    "aabb",
+    "aabb_scale",
+    "render_aabb",
+    "scale",
+    "offset",
+    "up",
+    "orientation_override",
+    "auto_scale_poses_override",
+    "applied_scale",
+    "n_extra_learnable_dims",
+    "white_transparent",
+    "name",
+    "id",
+    "version",
+];
 /// Names of pinhole and polynomial camera models.
 const POLYNOMIAL_MODELS: [&str; 6] = ["PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"];
 /// Name of the fisheye model.
 const FISHEYE_MODEL: &str = "OPENCV_FISHEYE";
+/// Name of the model whose k4 to k6 are those of a denominator.
+const RATIONAL_MODEL: &str = "FULL_OPENCV";
 
 /// Cameras of a file, and the folder of their image paths.
 #[derive(Debug)]
@@ -29,6 +64,7 @@ pub(crate) struct Transforms {
     intrinsics: Intrinsics,
     pub(crate) frames: Vec<Frame>,
     pub(crate) rest: Rest,
+    others: Keys,
 }
 
 /// Optional entries of nerfstudio.
@@ -57,6 +93,35 @@ struct File {
     frames: Vec<Frame>,
     #[serde(flatten)]
     rest: Rest,
+    #[serde(flatten)]
+    others: Keys,
+}
+
+/// Keys of entries that nothing reads.
+#[derive(Debug, Default)]
+struct Keys(Vec<String>);
+
+impl<'de> Deserialize<'de> for Keys {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> core::result::Result<Self, D::Error> {
+        from.deserialize_map(Self::default())
+    }
+}
+
+impl<'de> Visitor<'de> for Keys {
+    type Value = Self;
+
+    fn expecting(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str("an object")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(mut self, mut entries: A) -> core::result::Result<Self, A::Error> {
+        while let Some((key, IgnoredAny)) = entries.next_entry::<String, _>()? {
+            if !IDLE_KEYS.contains(&key.as_str()) {
+                self.0.push(key);
+            }
+        }
+        Ok(self)
+    }
 }
 
 /// One camera.
@@ -70,6 +135,8 @@ pub(crate) struct Frame {
     transform_matrix: Vec<[f64; 4]>,
     #[serde(flatten)]
     intrinsics: Intrinsics,
+    #[serde(flatten)]
+    others: Keys,
 }
 
 /// Intrinsics of all frames or of one; those of a frame take precedence.
@@ -89,6 +156,8 @@ struct Intrinsics {
     k2: Option<f64>,
     k3: Option<f64>,
     k4: Option<f64>,
+    k5: Option<f64>,
+    k6: Option<f64>,
     p1: Option<f64>,
     p2: Option<f64>,
 }
@@ -110,6 +179,8 @@ impl Intrinsics {
             k2: self.k2.or(other.k2),
             k3: self.k3.or(other.k3),
             k4: self.k4.or(other.k4),
+            k5: self.k5.or(other.k5),
+            k6: self.k6.or(other.k6),
             p1: self.p1.or(other.p1),
             p2: self.p2.or(other.p2),
         }
@@ -117,23 +188,35 @@ impl Intrinsics {
 
     /// Distortion of the lens, or the fault of its parameters.
     fn distortion(&self) -> core::result::Result<Distortion, String> {
-        let [k1, k2, k3, k4] = [self.k1, self.k2, self.k3, self.k4].map(|k| k.unwrap_or(0.0));
+        let radial = [self.k1, self.k2, self.k3, self.k4, self.k5, self.k6].map(|k| k.unwrap_or(0.0));
+        let [k1, k2, k3, k4, k5, k6] = radial;
         let tangential = [self.p1, self.p2].map(|p| p.unwrap_or(0.0));
-        if ![k1, k2, k3, k4].iter().chain(&tangential).all(|number| (*number as f32).is_finite()) {
-            return Err("has a distortion that is not finite; correct k1 to k4, p1 and p2".into());
+        if !radial.iter().chain(&tangential).all(|number| (*number as f32).is_finite()) {
+            return Err("has a distortion that is not finite; correct k1 to k6, p1 and p2".into());
         }
-        let model = self.camera_model.as_deref().unwrap_or("OPENCV");
-        if model == FISHEYE_MODEL || (self.is_fisheye == Some(true) && self.camera_model.is_none()) {
-            return Ok(Distortion::Fisheye { radial: [k1, k2, k3, k4], tangential, prism: [0.0; 2] });
-        }
-        if !POLYNOMIAL_MODELS.contains(&model) {
+        let model = self.model();
+        if !POLYNOMIAL_MODELS.contains(&model.as_str()) && model != FISHEYE_MODEL {
             let known = POLYNOMIAL_MODELS.join(", ");
             return Err(format!("is of the camera model {model:?}; known are {known} and {FISHEYE_MODEL}"));
         }
-        if k4 != 0.0 {
+        if model != RATIONAL_MODEL && [k5, k6] != [0.0; 2] {
+            return Err(format!(
+                "has a k5 or k6, which only {RATIONAL_MODEL} knows; name that camera_model, or remove it"
+            ));
+        }
+        if model == FISHEYE_MODEL {
+            return Ok(Distortion::Fisheye { radial: [k1, k2, k3, k4], tangential, prism: [0.0; 2] });
+        }
+        if model != RATIONAL_MODEL && k4 != 0.0 {
             return Err(format!("has a k4, which only {FISHEYE_MODEL} knows; name that camera_model, or remove k4"));
         }
-        Ok(Distortion::Polynomial { radial: [k1, k2, k3, 0.0, 0.0, 0.0], tangential }.simplified())
+        Ok(Distortion::Polynomial { radial, tangential }.simplified())
+    }
+
+    /// Name of the camera model, in capitals.
+    fn model(&self) -> String {
+        let default = if self.is_fisheye == Some(true) { FISHEYE_MODEL } else { "OPENCV" };
+        self.camera_model.as_deref().unwrap_or(default).to_uppercase()
     }
 
     /// Stated size, or its fault.
@@ -190,11 +273,52 @@ impl Intrinsics {
 impl Transforms {
     /// Reads and checks a file. Companions of macOS (`._r_0`) stay in the list.
     pub(crate) fn read(path: &Path) -> Result<Self> {
-        let File { intrinsics, frames, rest } = json::read(path, &LIST)?;
+        let File { intrinsics, frames, rest, others } = json::read(path, &LIST)?;
         if frames.is_empty() {
             return Err(Error::NoFrames { path: path.to_owned() });
         }
-        Ok(Self { path: path.to_owned(), intrinsics, frames, rest })
+        Ok(Self { path: path.to_owned(), intrinsics, frames, rest, others })
+    }
+
+    /// Name of the file and models of its lenses.
+    pub(crate) fn description(&self) -> String {
+        let model = |frame: &Frame| {
+            let intrinsics = frame.intrinsics.or(&self.intrinsics);
+            let is_pinhole = intrinsics.camera_model.is_none() && intrinsics.distortion() == Ok(Distortion::None);
+            if is_pinhole { "PINHOLE".to_owned() } else { intrinsics.model() }
+        };
+        let mut models: Vec<String> = self.frames.iter().map(model).collect();
+        models.sort();
+        models.dedup();
+        format!("{:?} ({})", self.path, models.join(", "))
+    }
+
+    /// Notes on entries that are not used, and on coarse rotations.
+    pub(crate) fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        let mut counts = BTreeMap::<&str, usize>::new();
+        let keys = self.frames.iter().flat_map(|frame| &frame.others.0).chain(&self.others.0);
+        keys.for_each(|key| *counts.entry(key).or_default() += 1);
+        if !counts.is_empty() {
+            let keys: Vec<&str> = counts.into_keys().collect();
+            notes.push(format!("entries of {:?} that are not used: {}", self.path, keys.join(", ")));
+        }
+        let coarse = self.frames.iter().filter(|frame| frame.rotation().is_ok_and(|(_, is_coarse)| is_coarse)).count();
+        if coarse > 0 {
+            notes.push(format!("{coarse} rotations of {:?} have few decimals and were made orthogonal", self.path));
+        }
+        notes
+    }
+
+    /// Paths of the images below the folder of the file, or below that of the options.
+    pub(crate) fn places(&self, files: &Files, options: &LoadOptions, notes: &mut Vec<String>) -> Vec<PathBuf> {
+        places_of(self.frames.iter().map(|frame| frame.file_path.as_str()), files, options, notes)
+    }
+
+    /// Camera of a frame with its image.
+    pub(crate) fn posed(&self, frame: &Frame, image: PathBuf, measured_size: Option<[u32; 2]>) -> Result<Posed> {
+        let lens = Box::new(self.lens(frame));
+        Ok(Posed { image, mask: frame.mask_path.clone(), pose: self.pose(frame)?, measured_size, lens })
     }
 
     /// Pinhole camera of a frame whose image has this size, relative to an origin.
@@ -221,29 +345,16 @@ impl Transforms {
         }
     }
 
-    /// Finds the image of a frame; its extension may be missing or differ.
-    pub(crate) fn image_of(&self, frame: &Frame) -> Result<PathBuf> {
-        let named = self.named_by(frame);
-        find_image(&named).ok_or_else(|| Error::MissingImage {
-            path: named,
-            frame: frame.file_path.clone(),
-            transforms: self.path.clone(),
-        })
-    }
-
-    /// Path of a frame's image as the file names it.
-    pub(crate) fn named_by(&self, frame: &Frame) -> PathBuf {
-        self.folder().join(frame.file_path.trim_start_matches("./"))
+    /// Image of a frame, if it is there; its extension may be missing or differ.
+    pub(crate) fn image_of(&self, frame: &Frame) -> Option<PathBuf> {
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        let named = [Path::new(&frame.file_path).to_owned(), plain_path(&frame.file_path)];
+        named.iter().find_map(|path| find_image(&folder.join(path)))
     }
 
     /// Stated size of a frame.
     pub(crate) fn stated_size(&self, frame: &Frame) -> Result<Option<[u32; 2]>> {
         frame.intrinsics.or(&self.intrinsics).stated_size().map_err(|what| self.refuse(frame, what))
-    }
-
-    /// Folder of the file, to which paths are relative.
-    pub(crate) fn folder(&self) -> &Path {
-        self.path.parent().unwrap_or(Path::new(""))
     }
 
     /// Path of the file.
@@ -253,6 +364,19 @@ impl Transforms {
 
     pub(crate) fn refuse(&self, frame: &Frame, what: String) -> Error {
         Error::Frame { path: self.path.clone(), frame: frame.file_path.clone(), what }
+    }
+}
+
+/// Paths of images that a list names ([`Transforms::places`]).
+pub(crate) fn places_of<'a>(
+    written: impl Iterator<Item = &'a str>,
+    files: &Files,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+) -> Vec<PathBuf> {
+    match options.other_images() {
+        Some(folder) => files.placed_all(folder, Path::new(""), written, &mut Vec::new()),
+        None => files.placed_all(Path::new(""), Path::new(&options.images), written, notes),
     }
 }
 
@@ -271,8 +395,15 @@ impl Frame {
         shot::is_macos_shadow(Path::new(&self.file_path))
     }
 
-    /// Converts from OpenGL's camera axes, y up and z backwards, to y down and z forwards.
     fn pose(&self) -> core::result::Result<Pose, String> {
+        let (world_from_camera, _) = self.rotation()?;
+        let position = DVec3::from(core::array::from_fn(|row| self.transform_matrix[row][3]));
+        Ok(Pose { camera_from_world: world_from_camera.transpose(), position })
+    }
+
+    /// Rotation from camera to world, converted from OpenGL's camera axes, y up and z backwards, to
+    /// y down and z forwards, and whether it had few decimals.
+    fn rotation(&self) -> core::result::Result<(DMat3, bool), String> {
         let rows = &self.transform_matrix;
         if rows.len() < 3 {
             return Err(format!("has a transform_matrix of {} rows; 4 by 4 numbers are expected", rows.len()));
@@ -281,26 +412,33 @@ impl Frame {
             return Err(format!("has a number that is not finite in row {} of its transform_matrix", row + 1));
         }
         let column = |k: usize| DVec3::new(rows[0][k], rows[1][k], rows[2][k]);
-        let world_from_camera = rigid(DMat3::from_cols(column(0), -column(1), -column(2)))?;
-        Ok(Pose { camera_from_world: world_from_camera.transpose(), position: column(3) })
+        rigid(DMat3::from_cols(column(0), -column(1), -column(2)))
     }
 }
 
-/// Rotation without the uniform scale that some exporters leave in, or the fault of the matrix.
-fn rigid(matrix: DMat3) -> core::result::Result<DMat3, String> {
+/// Rotation without the uniform scale that some exporters leave in, and whether it had few
+/// decimals, or the fault of the matrix.
+fn rigid(matrix: DMat3) -> core::result::Result<(DMat3, bool), String> {
     let columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
     let scale = (columns.iter().map(|column| column.length_squared()).sum::<f64>() / 3.0).sqrt();
-    let rotation = matrix * scale.recip();
-
-    let excess = rotation.transpose() * rotation - DMat3::IDENTITY;
-    let error = excess.to_cols_array().into_iter().fold(0.0, |most: f64, number| most.max(number.abs()));
-    if !(scale > 0.0 && error <= RIGID_TOLERANCE) {
+    let Some((rotation, is_coarse)) = orthogonal(matrix * scale.recip()).filter(|_| scale > 0.0) else {
         return Err("has a transform_matrix that stretches or skews; export a rotation, a translation and at most \
                     one uniform scale"
             .into());
-    }
+    };
     if rotation.determinant() < 0.0 {
         return Err("has a transform_matrix that mirrors; export a right-handed camera".into());
     }
-    Ok(DMat3::from_quat(DQuat::from_mat3(&rotation).normalize()))
+    Ok((DMat3::from_quat(DQuat::from_mat3(&rotation).normalize()), is_coarse))
+}
+
+/// Rotation, or its mirror image, and whether it had few decimals, of which it is relieved; none
+/// for other matrices.
+pub(crate) fn orthogonal(matrix: DMat3) -> Option<(DMat3, bool)> {
+    let excess = (matrix.transpose() * matrix - DMat3::IDENTITY).to_cols_array();
+    let is_within = |tolerance: f64| excess.iter().all(|number| number.abs() <= tolerance);
+    // The mean with the inverse is the nearest rotation, to the square of the error.
+    let nearest = || (matrix + matrix.inverse().transpose()) * 0.5;
+    let is_coarse = !is_within(RIGID_TOLERANCE);
+    is_within(COARSE_TOLERANCE).then(|| (if is_coarse { nearest() } else { matrix }, is_coarse))
 }

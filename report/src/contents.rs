@@ -79,12 +79,16 @@ impl Contents {
     /// Contents of a data set.
     pub fn of_dataset(path: &Path, data: &Dataset) -> Self {
         let mut contents = Self::new("data set", path);
+        contents.add("cameras", data.report.source.clone(), data.report.source.as_str().into());
         contents.add_views(data);
         contents.add_origin(data.origin);
         match &data.points {
             Some(points) => contents.add_points(&points.iter().map(|point| point.position).collect::<Vec<_>>()),
             None => contents.add("points", "none; training starts from random points".into(), Value::Null),
         }
+        let left_out = &data.report.left_out;
+        let text = if left_out.is_empty() { "nothing".into() } else { left_out.join("; ") };
+        contents.add("not used", text, json!(left_out));
         contents
     }
 
@@ -230,9 +234,10 @@ impl Contents {
     }
 
     fn add_views(&mut self, data: &Dataset) {
-        let Dataset { train, test, .. } = data;
+        let Dataset { train, test, report, .. } = data;
         self.add("training views", group_digits(train.len()), train.len().into());
         self.add("test views", group_digits(test.len()), test.len().into());
+        self.add("held out", report.held_out.clone(), report.held_out.as_str().into());
         let all = || train.iter().chain(test);
 
         let mut sizes: Vec<[u32; 2]> = all().map(|view| [view.camera.width, view.camera.height]).collect();
@@ -246,6 +251,7 @@ impl Contents {
         let transparent = count(View::has_alpha);
         let with_normals = count(|view| view.normals.is_some());
         self.add("transparent", format!("{transparent} of {} pictures", all().count()), transparent.into());
+        self.add("masks", format!("{} of {} pictures", report.masks, all().count()), report.masks.into());
         self.add("true normals", format!("{with_normals} views"), with_normals.into());
         if let Some(range) = Range::of(all().map(|view| view.camera.focal_px[0])) {
             self.add("focal length", format!("{} pixels", range.text()), range.json());

@@ -136,7 +136,7 @@ impl Capture {
 
     /// Returns whether alpha cuts objects out of all training pictures.
     pub fn holds_objects(&self) -> bool {
-        self.train.iter().all(|photograph| photograph.has_alpha)
+        !self.train.is_empty() && self.train.iter().all(|photograph| photograph.has_alpha)
     }
 
     /// Returns whether any training picture is transparent somewhere.
@@ -147,7 +147,7 @@ impl Capture {
     /// Source, number of views, their sizes, and number of points on one line.
     pub fn summary(&self) -> String {
         let [train, test] = [&self.train, &self.test].map(|all| all.iter().map(|one| &one.camera).collect::<Vec<_>>());
-        summary(&self.album.source, &train, &test, self.points.as_ref().map_or(0, Vec::len))
+        summary(&self.album.report.source, &train, &test, self.points.as_ref().map_or(0, Vec::len))
     }
 
     /// Takes the points of the data set out of it, with random points behind them, or draws random

@@ -6,7 +6,7 @@ use specula_core::camera::{Camera, near_of};
 use specula_io::{
     Result,
     cameras::NamedCamera,
-    dataset::{self, IMAGES, LoadOptions, TEST_EVERY},
+    dataset::{self, IMAGES, LoadOptions, Report, TEST_EVERY},
     materials::Materials,
     model_folder::ModelInfo,
     orientation::Orientation,
@@ -46,8 +46,8 @@ pub struct Dataset {
     pub origin: [f64; 3],
     /// Orientation estimated from the cameras; none without cameras.
     pub orientation: Option<Orientation>,
-    /// Short description of the source of the cameras.
-    pub source: String,
+    /// What the data set holds, beside its pictures.
+    pub report: Report,
     /// Notes on skipped, changed or assumed data, one sentence each.
     pub notes: Vec<String>,
 }
@@ -60,7 +60,7 @@ impl Dataset {
     ///
     /// Those of [`specula_io::dataset::load`].
     pub fn load(folder: &Path, options: &LoadOptions, progress: impl Fn(usize, usize) + Sync) -> Result<Self> {
-        let dataset::Dataset { train, mut test, points, origin, source, notes } =
+        let dataset::Dataset { train, mut test, points, origin, report, notes } =
             dataset::load(folder, options, progress)?;
         let test_materials = test.iter_mut().map(|view| core::mem::take(&mut view.materials)).collect();
         let points = points.map(|cloud| points_of(&cloud));
@@ -70,14 +70,14 @@ impl Dataset {
         let mut test: Vec<View> = test.into_iter().map(view_of).collect();
         let near = near_of(extent_of(if train.is_empty() { &test } else { &train }));
         train.iter_mut().chain(&mut test).for_each(|view| view.camera.near = near);
-        Ok(Self { train, test, test_materials, points, origin, orientation, source, notes })
+        Ok(Self { train, test, test_materials, points, origin, orientation, report, notes })
     }
 
     /// Source, number of views, their sizes, and number of points on one line.
     pub fn summary(&self) -> String {
-        let Self { train, test, points, source, .. } = self;
+        let Self { train, test, points, report, .. } = self;
         let [train, test] = [train, test].map(|views| views.iter().map(|view| &view.camera).collect::<Vec<_>>());
-        summary(source, &train, &test, points.as_ref().map_or(0, Vec::len))
+        summary(&report.source, &train, &test, points.as_ref().map_or(0, Vec::len))
     }
 
     /// Width of the widest training picture in pixels; 0 without any.

@@ -252,7 +252,7 @@ fn refuse_data_set(args: &Train) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Warns of options from GaussianShader's command lines that have no effect.
+/// Warns of options that have no effect, most of them from GaussianShader's command lines.
 fn warn_of_ignored(args: &Train) {
     if args.brdf_dim.is_some() {
         tracing::warn!(
@@ -261,6 +261,11 @@ fn warn_of_ignored(args: &Train) {
     }
     if args.start.sh_degree.is_some_and(|degree| degree < 0) {
         tracing::warn!("--sh_degree -1 is ignored: a profile has its own harmonics; --sh-degree 0 to 3 sets them");
+    }
+    if args.start.random_points.is_some() && args.start.background_points > 0 {
+        tracing::warn!(
+            "--background-points is ignored: it adds to the points of a data set, and --random-points are all"
+        );
     }
 }
 
@@ -307,8 +312,15 @@ fn load(args: &Train, local: usize, exchange: Option<&mut dyn Exchange>) -> Resu
     }
     if args.eval && data.test.is_empty() {
         return Err(Failure::Input(format!(
-            "no test views in {source:?}, so there is nothing to measure; add transforms_test.json, hold out photographs \
-             with --test-every, or omit --eval"
+            "no test views in {source:?}, so there is nothing to measure; add transforms_test.json with its pictures, \
+             hold out photographs of COLMAP and transforms.json with --test-every, or omit --eval"
+        )));
+    }
+    if data.train.is_empty() {
+        let count = data.test.len();
+        return Err(Failure::Input(format!(
+            "all pictures of {source:?} are held out ({count}), so there is nothing to train on; omit --eval, or set \
+             --test-every 0"
         )));
     }
     Ok(data)

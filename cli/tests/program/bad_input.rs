@@ -48,10 +48,10 @@ fn a_folder_without_cameras() {
 }
 
 #[test]
-fn a_missing_image() {
+fn missing_images() {
     let tiny = Tiny::new();
-    fs::remove_file(tiny.file("train/r_3.png")).unwrap();
-    training_is_refused(&tiny, &["r_3", "transforms_train.json"]);
+    fs::remove_dir_all(tiny.file("train")).unwrap();
+    training_is_refused(&tiny, &["none of the images", "train/r_0\"; name the folder", "--images"]);
 }
 
 #[test]
@@ -113,6 +113,28 @@ fn measuring_without_test_views() {
     command.args(["--eval", "--quiet"]);
     refuses(command, &["no test views", "--eval"]);
     assert!(!tiny.path("model").exists(), "a folder was made for a training that did not start");
+}
+
+#[test]
+fn measuring_by_pictures_that_were_never_rendered() {
+    let tiny = Tiny::new();
+    fs::remove_dir_all(tiny.file("test")).unwrap();
+    let output = train(&tiny, "model").arg("--eval").assert().code(2).get_output().clone();
+    let said = String::from_utf8(output.stderr).unwrap();
+    for words in ["there are no test views of", "test/r_0", "so there is nothing to measure"] {
+        assert!(said.contains(words), "{words:?} is not in: {said}");
+    }
+}
+
+#[test]
+fn measuring_by_the_only_picture() {
+    let tiny = Tiny::new();
+    fs::remove_file(tiny.file("transforms_train.json")).unwrap();
+    edit(&tiny.file("transforms_test.json"), |text| text.replace("test/r_1", "r").replace("test/r_2", "r"));
+    fs::rename(tiny.file("transforms_test.json"), tiny.file("transforms.json")).unwrap();
+    let mut command = train(&tiny, "model");
+    command.args(["--eval", "--quiet"]);
+    refuses(command, &["all pictures of", "are held out (1)", "omit --eval"]);
 }
 
 #[test]

@@ -209,7 +209,14 @@ fn a_plain_scene_is_trained_and_turned() {
     printed(&mut command);
     assert!(tiny.path("turn/turntable.png").is_file(), "no animation was made");
     assert_eq!(fs::read_dir(tiny.path("turn/rgb")).unwrap().count(), 4);
-    assert!(printed(specula().arg("info").arg(tiny.data())).contains("training views   8"));
+    fs::create_dir(tiny.file("depth")).unwrap();
+    fs::write(tiny.file("depth/r_0.png"), "").unwrap();
+    let info = printed(specula().arg("info").arg(tiny.data()));
+    for line in
+        ["training views   8", "held out         named by transforms_test.json", "not used         \"depth\" (1 files)"]
+    {
+        assert!(info.contains(line), "{line:?} is not in: {info}");
+    }
 }
 
 #[test]

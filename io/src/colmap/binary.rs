@@ -1,6 +1,6 @@
 //! COLMAP's binary files: little-endian records behind their count.
 
-use super::record::{Camera, Image, KINDS, Point, refuse, unknown_model};
+use super::record::{Camera, Image, KINDS, Point, UNREAD_KINDS, refuse, unknown_model};
 use crate::{
     budget::SCENE,
     error::{Error, Result},
@@ -122,15 +122,17 @@ impl<'a> Records<'a> {
     }
 }
 
-/// Reads `cameras.bin`.
-pub(super) fn cameras(path: &Path) -> Result<Vec<Camera>> {
+/// Reads `cameras.bin`: identifiers, with cameras or their faults.
+pub(super) fn cameras(path: &Path) -> Result<Vec<(u32, Result<Camera>)>> {
     Records::open(path, "camera", CAMERA_LEN)?.all(|records| {
         let (id, number) = (records.u32()?, records.u32()?);
         let (width, height) = (records.u64()?, records.u64()?);
-        let known = KINDS.iter().find(|kind| kind.number == number);
+        let known = KINDS.iter().chain(&UNREAD_KINDS).find(|kind| kind.number == number);
         let model = known.ok_or_else(|| records.refuse(unknown_model(&format!("number {number}"))))?;
-        let params: Result<Vec<f64>> = (0..model.params).map(|_| records.f64()).collect();
-        Ok(Camera { id, model, width, height, params: params? })
+        let params = (0..model.params).map(|_| records.f64()).collect::<Result<Vec<f64>>>()?;
+        let is_read = KINDS.contains(model);
+        let camera = is_read.then_some(Camera { model, width, height, params });
+        Ok((id, camera.ok_or_else(|| records.refuse(unknown_model(model.name)))))
     })
 }
 

@@ -12,7 +12,6 @@ use std::path::Path;
 /// A camera: one lens, shared by images.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Camera {
-    pub(super) id: u32,
     pub(super) model: &'static Kind,
     pub(super) width: u64,
     pub(super) height: u64,
@@ -58,6 +57,15 @@ pub(super) const KINDS: [Kind; 11] = [
     Kind { number: 8, name: "SIMPLE_RADIAL_FISHEYE", params: 4 },
     Kind { number: 9, name: "RADIAL_FISHEYE", params: 5 },
     Kind { number: 10, name: "THIN_PRISM_FISHEYE", params: 12 },
+];
+
+/// Camera models whose pictures are not read, so that cameras without pictures may have them.
+pub(super) const UNREAD_KINDS: [Kind; 5] = [
+    Kind { number: 11, name: "RAD_TAN_THIN_PRISM_FISHEYE", params: 16 },
+    Kind { number: 12, name: "SIMPLE_DIVISION", params: 4 },
+    Kind { number: 13, name: "DIVISION", params: 5 },
+    Kind { number: 14, name: "SIMPLE_FISHEYE", params: 3 },
+    Kind { number: 15, name: "FISHEYE", params: 4 },
 ];
 
 /// Remedy for an unsupported camera model.

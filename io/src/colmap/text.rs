@@ -13,6 +13,9 @@ use std::{
     path::Path,
 };
 
+/// Longest line of an image: ten numbers and a name.
+const IMAGE_LINE_MAX: u64 = 8192;
+
 /// Reader of lines.
 struct Lines<'a> {
     path: &'a Path,
@@ -37,10 +40,18 @@ impl<'a> Lines<'a> {
         Ok(read > 0)
     }
 
-    /// Skips the next line.
-    fn pass(&mut self) -> Result<()> {
+    /// Reads the next line, of which no more than a record of an image may have; false at the end of
+    /// the file.
+    fn next_short(&mut self) -> Result<bool> {
+        self.line.clear();
         self.number += 1;
-        self.reader.skip_until(b'\n').map_err(Error::reading(self.path)).map(drop)
+        let mut start = self.reader.by_ref().take(IMAGE_LINE_MAX);
+        let read = start.read_until(b'\n', &mut self.line).map_err(Error::reading(self.path))?;
+        if read as u64 == IMAGE_LINE_MAX && !self.line.ends_with(b"\n") {
+            self.line.clear();
+            self.reader.skip_until(b'\n').map_err(Error::reading(self.path))?;
+        }
+        Ok(read > 0)
     }
 
     /// Reads the next line that is neither blank nor a comment; false at the end of the file.
@@ -82,6 +93,13 @@ impl<'a> Words<'a> {
         word.parse().map_err(|_| self.lines.refuse(format!("has {word:?} where its {name} should be")))
     }
 
+    /// Number of pixels, which some programs write with decimals.
+    fn size(&mut self, name: &str) -> Result<u64> {
+        let size: f64 = self.number(name)?;
+        let is_whole = size >= 0.0 && size.fract() == 0.0;
+        if is_whole { Ok(size as u64) } else { Err(self.lines.refuse(format!("has {size} pixels for its {name}"))) }
+    }
+
     fn numbers<const N: usize>(&mut self, name: &str) -> Result<[f64; N]> {
         let mut numbers = [0.0; N];
         for number in &mut numbers {
@@ -91,37 +109,53 @@ impl<'a> Words<'a> {
     }
 }
 
-/// Reads `cameras.txt`: identifier, model, width, height, parameters.
-pub(super) fn cameras(path: &Path) -> Result<Vec<Camera>> {
+/// Reads `cameras.txt`: identifier, model, width, height, parameters. Cameras may be faulty, where
+/// no image has them.
+pub(super) fn cameras(path: &Path) -> Result<Vec<(u32, Result<Camera>)>> {
     let mut lines = Lines::open(path)?;
     let mut cameras = Vec::new();
     while lines.next_record()? {
-        cameras.push(camera(&lines)?);
+        let mut words = lines.words()?;
+        let id = words.number("identifier")?;
+        cameras.push((id, camera(words)));
     }
     Ok(cameras)
 }
 
-fn camera(lines: &Lines<'_>) -> Result<Camera> {
-    let mut words = lines.words()?;
-    let id = words.number("identifier")?;
+fn camera(mut words: Words<'_>) -> Result<Camera> {
     let name = words.word("model")?;
-    let (width, height) = (words.number("width")?, words.number("height")?);
+    let (width, height) = (words.size("width")?, words.size("height")?);
     let known = KINDS.iter().find(|kind| kind.name == name);
-    let model: &'static Kind = known.ok_or_else(|| lines.refuse(unknown_model(name)))?;
+    let model: &'static Kind = known.ok_or_else(|| words.lines.refuse(unknown_model(name)))?;
+    let count = words.rest.split_ascii_whitespace().count();
+    if count != model.params {
+        let fault = format!("has {count} parameters; {name} has {} parameters: write the model again", model.params);
+        return Err(words.lines.refuse(fault));
+    }
     let params: Result<Vec<f64>> = (0..model.params).map(|_| words.number("parameter")).collect();
-    Ok(Camera { id, model, width, height, params: params? })
+    Ok(Camera { model, width, height, params: params? })
 }
 
 /// Reads `images.txt`: identifier, quaternion, translation, camera, name. The line of 2D points
-/// below is skipped.
+/// below is skipped; some programs leave it out.
 pub(super) fn images(path: &Path) -> Result<Vec<Image>> {
     let mut lines = Lines::open(path)?;
     let mut images = Vec::new();
-    while lines.next_record()? {
+    let mut has_image = lines.next_record()?;
+    while has_image {
         images.push(image(&lines)?);
-        lines.pass()?;
+        has_image = lines.next_short()? && is_image(&lines) || lines.next_record()?;
     }
     Ok(images)
+}
+
+/// Whether a line is that of an image: 2D points are numbers alone, of which no four are a unit
+/// quaternion.
+fn is_image(lines: &Lines<'_>) -> bool {
+    image(lines).is_ok_and(|Image { quat, name, .. }| {
+        let is_unit = (quat.iter().map(|number| number * number).sum::<f64>() - 1.0).abs() < 0.1;
+        is_unit || name.split_ascii_whitespace().any(|word| word.parse::<f64>().is_err())
+    })
 }
 
 fn image(lines: &Lines<'_>) -> Result<Image> {

@@ -296,10 +296,49 @@ fn an_empty_list_is_refused() {
 }
 
 #[test]
-fn a_missing_image_is_refused_by_file_and_frame() {
+fn a_missing_image_is_noted_and_that_of_all_is_refused() {
     let folder = scene();
     fs::remove_file(folder.path().join("train/r_0.png")).unwrap();
-    assert_says(&refusal(folder.path()), &["train/r_0\"", "frame \"./train/r_0\"", "transforms_train.json", "webp"]);
+    let data = load(folder.path()).unwrap();
+    assert_eq!((data.train[0].name.as_str(), data.train.len(), data.test.len()), ("r_1", 1, 1));
+    assert_says(&data.notes.join("\n"), &["skipped 1 cameras", "train/r_0\""]);
+    fs::remove_file(folder.path().join("train/r_1.webp")).unwrap();
+    assert_says(&refusal(folder.path()), &["none of the images", "train/r_0\""]);
+}
+
+#[test]
+fn test_views_that_were_never_rendered_keep_no_training_from_starting() {
+    let folder = scene();
+    fs::remove_file(folder.path().join("test/r_0.jpg")).unwrap();
+    for (frames, expected) in [(vec![frame("./test/r_0")], "not even \"test/r_0\""), (vec![], "no frames")] {
+        write(&folder, "transforms_test.json", list(&frames).to_string());
+        let data = load(folder.path()).unwrap();
+        assert_eq!((data.train.len(), data.test.len()), (2, 0));
+        assert_says(&data.notes.join("\n"), &["no test views", "transforms_test.json", expected]);
+    }
+}
+
+#[test]
+fn a_rotation_of_three_decimals_is_made_orthogonal() {
+    let folder = scene();
+    const EXACT: [[f32; 3]; 3] = [
+        [-0.743_505_5, -0.366_350_1, -0.559_452_5],
+        [-0.619_521_2, 0.062_362_4, 0.782_498_8],
+        [-0.251_779_7, 0.928_384_9, -0.273_328_5],
+    ];
+    let rows = EXACT.map(|row| row.map(|number| (f64::from(number) * 1000.0).round() / 1000.0));
+    let mut coarse = frame("train/r_0");
+    coarse["transform_matrix"] = rows.map(|[x, y, z]| [x, y, z, 1.0]).to_vec().into();
+    write(&folder, "transforms_train.json", list(&[coarse]).to_string());
+    let data = load(folder.path()).unwrap();
+    assert_says(&data.notes.join("\n"), &["1 rotations", "few decimals"]);
+    let found = data.train[0].camera.camera_from_world;
+    let excess = found * found.transpose() - Mat3::IDENTITY;
+    assert!(excess.to_cols_array().iter().all(|number| number.abs() < 1e-6), "{excess}");
+    // World-from-camera, y and z reversed.
+    let expected = Mat3::from_cols_array_2d(&EXACT).transpose() * Mat3::from_diagonal(Vec3::new(1.0, -1.0, -1.0));
+    let error = found.transpose() - expected;
+    assert!(error.to_cols_array().iter().all(|number| number.abs() < 1e-3), "{error}");
 }
 
 #[test]

@@ -6,6 +6,7 @@ mod dataset;
 mod ktx;
 mod light;
 mod model_folder;
+mod names;
 mod photographs;
 mod pictures;
 mod ply;

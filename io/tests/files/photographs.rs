@@ -15,15 +15,15 @@ use std::{
 };
 use tempfile::TempDir;
 
-const WIDTH: u32 = 24;
-const HEIGHT: u32 = 16;
+pub(crate) const WIDTH: u32 = 24;
+pub(crate) const HEIGHT: u32 = 16;
 
 /// A reconstruction that tests write in either format.
-struct Scene {
+pub(crate) struct Scene {
     /// Number, name and parameters of the cameras' models.
-    cameras: Vec<(i32, &'static str, Vec<f64>)>,
+    pub(crate) cameras: Vec<(i32, &'static str, Vec<f64>)>,
     /// Names of images, and the identifier of each one's camera, from 1.
-    images: Vec<(&'static str, u32)>,
+    pub(crate) images: Vec<(&'static str, u32)>,
 }
 
 const QUAT: [f64; 4] = [0.9, 0.1, -0.3, 0.2];
@@ -31,7 +31,7 @@ const TRANSLATION: [f64; 3] = [0.25, -1.5, 3.0];
 const POINTS: [([f64; 3], [u8; 3]); 2] = [([0.5, 1.5, -2.0], [255, 0, 51]), ([1.0 / 3.0, 0.0, 7.0], [0, 102, 255])];
 
 impl Scene {
-    fn pinhole() -> Self {
+    pub(crate) fn pinhole() -> Self {
         let names = ["b.png", "a.png", "c.png"];
         Self {
             cameras: vec![(1, "PINHOLE", vec![20.0, 21.0, 12.5, 7.5])],
@@ -39,13 +39,13 @@ impl Scene {
         }
     }
 
-    fn write_images(&self, folder: &Path) {
+    pub(crate) fn write_images(&self, folder: &Path) {
         for (name, _) in &self.images {
             picture().save(made(&folder.join("images").join(name))).unwrap();
         }
     }
 
-    fn write_text(&self, folder: &Path) {
+    pub(crate) fn write_text(&self, folder: &Path) {
         let words = |numbers: &[f64]| numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
         let mut cameras = "# Camera list\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n".to_owned();
         for (index, (_, name, params)) in self.cameras.iter().enumerate() {
@@ -66,7 +66,7 @@ impl Scene {
         }
     }
 
-    fn write_binary(&self, folder: &Path) {
+    pub(crate) fn write_binary(&self, folder: &Path) {
         let numbers = |numbers: &[f64]| numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>();
         let count = |count: usize| (count as u64).to_le_bytes().to_vec();
         let mut cameras = count(self.cameras.len());
@@ -95,7 +95,7 @@ impl Scene {
     }
 
     /// In text, with images.
-    fn folder(&self) -> TempDir {
+    pub(crate) fn folder(&self) -> TempDir {
         let folder = tempfile::tempdir().unwrap();
         self.write_images(folder.path());
         self.write_text(folder.path());
@@ -104,13 +104,13 @@ impl Scene {
 }
 
 /// A file's place, in a folder that is made for it.
-fn made(path: &Path) -> PathBuf {
+pub(crate) fn made(path: &Path) -> PathBuf {
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     path.to_owned()
 }
 
 /// Smooth, and different everywhere.
-fn picture() -> RgbImage {
+pub(crate) fn picture() -> RgbImage {
     RgbImage::from_fn(WIDTH, HEIGHT, |x, y| Rgb([(8 * x) as u8, (12 * y) as u8, (4 * (x + y)) as u8]))
 }
 
@@ -122,12 +122,12 @@ fn load_with(folder: &TempDir, options: LoadOptions) -> Dataset {
     dataset::load(folder.path(), &options, |_, _| {}).unwrap()
 }
 
-fn names(views: &[dataset::View]) -> Vec<&str> {
+pub(crate) fn names(views: &[dataset::View]) -> Vec<&str> {
     views.iter().map(|view| view.name.as_str()).collect()
 }
 
 /// That a sentence says all of this.
-fn assert_says(sentence: &str, parts: &[&str]) {
+pub(crate) fn assert_says(sentence: &str, parts: &[&str]) {
     for part in parts {
         assert!(sentence.contains(part), "{part:?} is missing in: {sentence}");
     }
@@ -171,8 +171,8 @@ fn text_and_binary_of_a_reconstruction_are_the_same() {
     [&text, &binary].into_iter().for_each(|folder| all_models.write_images(folder.path()));
     let [text, binary] = [load(text.path()).unwrap(), load(binary.path()).unwrap()];
     assert_eq!((&text.train, &text.test, &text.points), (&binary.train, &binary.test, &binary.points));
-    assert_says(&text.source, &["text", "10 cameras", "THIN_PRISM_FISHEYE"]);
-    assert_says(&binary.source, &["binary"]);
+    assert_says(&text.report.source, &["text", "10 cameras", "THIN_PRISM_FISHEYE"]);
+    assert_says(&binary.report.source, &["binary"]);
     assert_says(&text.notes.join("\n"), &["distortion out of 9 pictures"]);
 }
 
@@ -334,7 +334,9 @@ fn faults_of_a_reconstruction_are_refused_by_file_and_place() {
         &refusal("cameras", "PINHOLE", "DIVISION"),
         &["line 3", "cameras.txt", "DIVISION", "OPENCV_FISHEYE", "image_undistorter"],
     );
-    assert_says(&refusal("cameras", " 7.5", ""), &["line 3", "cameras.txt", "no parameter"]);
+    assert_says(&refusal("cameras", " 7.5", ""), &["line 3", "cameras.txt", "has 3 parameters", "PINHOLE has 4"]);
+    assert_says(&refusal("cameras", " 7.5", " 7.5 -0.2 0"), &["cameras.txt", "has 6 parameters", "PINHOLE has 4"]);
+    assert_says(&refusal("cameras", "24 16", "24.5 16"), &["line 3", "24.5 pixels", "width"]);
     assert_says(&refusal("cameras", "21", "NaN"), &["camera 1", "cameras.txt", "not finite"]);
     assert_says(&refusal("cameras", "21", "-21"), &["camera 1", "cameras.txt", "focal length"]);
     assert_says(&refusal("cameras", "24 16", "0 16"), &["camera 1", "0 by 16"]);
@@ -365,7 +367,7 @@ fn without_points_training_starts_from_random_ones() {
 }
 
 /// In OpenGL's axes, looking down from z = 4.
-const FROM_ABOVE: [[f64; 4]; 4] =
+pub(crate) const FROM_ABOVE: [[f64; 4]; 4] =
     [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 4.0], [0.0, 0.0, 0.0, 1.0]];
 
 /// A data set of nerfstudio; `rest` is added to its list.
@@ -438,7 +440,7 @@ fn smaller_copies_need_a_lens_whose_size_is_known() {
     RgbImage::new(WIDTH / 2, HEIGHT / 2).save(made(&folder.path().join("images_2/b.png"))).unwrap();
     let data = load_with(&folder, LoadOptions { downscale: 2, ..LoadOptions::default() });
     assert_eq!((names(&data.train)[0], data.train[0].camera.focal_px), ("b", [10.0, 10.5]));
-    assert_eq!(data.notes.len(), 0, "nothing is taken from the copies: {:?}", data.notes);
+    assert_says(&data.notes.join("\n"), &["not used: \"images_2\" (1 files, copies for pictures 2 times smaller)"]);
 }
 
 #[test]
@@ -464,5 +466,5 @@ fn lenses_of_nerfstudio_are_undistorted_or_refused() {
 fn a_reconstruction_of_its_own_comes_before_a_list() {
     let folder = nerfstudio(json!({}));
     Scene::pinhole().write_text(folder.path());
-    assert_says(&load(folder.path()).unwrap().source, &["COLMAP"]);
+    assert_says(&load(folder.path()).unwrap().report.source, &["COLMAP"]);
 }

@@ -1,0 +1,74 @@
+//! Files of a data set that no reader uses.
+
+use crate::{
+    listing::Listing,
+    named::{Files, is_picture, key_of},
+    shot::Shot,
+};
+use std::{
+    collections::{BTreeMap, HashSet},
+    path::{Path, PathBuf},
+};
+
+/// Most entries that are named.
+const ENTRIES_MAX: usize = 8;
+/// Files beside a data set that belong to none: notes, licences, projects of COLMAP, and what
+/// measurements read.
+const ASIDE: [&str; 10] = ["", "md", "txt", "log", "ini", "db", "sh", "py", "ipynb", "pdf"];
+const MEASURED: [&str; 5] = ["env.hdr", "env.exr", "light", "relit", "relight"];
+
+/// Entries of a data set that are not used, with the reason: pictures without cameras beside those
+/// that have one, and other folders and files at the top.
+pub(crate) fn left_out(files: &Files, listing: &Listing) -> Vec<String> {
+    let shots = || listing.train.iter().chain(&listing.test);
+    let read = shots().flat_map(files_of).chain(listing.used.iter().map(PathBuf::as_path));
+    let used: HashSet<String> = read.map(|path| files.key_below(path)).collect();
+    let of_pictures: HashSet<String> = shots().map(|shot| files.key_below(parent(&shot.image))).collect();
+
+    let (mut pictures, mut entries) = (BTreeMap::<&Path, usize>::new(), BTreeMap::<&Path, usize>::new());
+    let is_used = |path: &Path| path.ancestors().any(|above| used.contains(&key_of(above)));
+    for path in files.paths.iter().filter(|path| !is_used(path) && !is_aside(path)) {
+        let count = match of_pictures.contains(&key_of(parent(path))) && is_picture(path) {
+            true => pictures.entry(parent(path)).or_default(),
+            false => entries.entry(path.iter().next().map_or(path, Path::new)).or_default(),
+        };
+        *count += 1;
+    }
+    let pictures = pictures
+        .into_iter()
+        .map(|(folder, count)| format!("{count} pictures of {:?} that no camera names", files.root.join(folder)));
+    let all: Vec<String> = pictures.chain(entries.into_iter().map(|(top, count)| entry(top, count))).collect();
+    let more = all.len().saturating_sub(ENTRIES_MAX);
+    let rest = (more > 0).then(|| format!("and {more} more"));
+    all.into_iter().take(ENTRIES_MAX).chain(rest).collect()
+}
+
+fn parent(path: &Path) -> &Path {
+    path.parent().unwrap_or(path)
+}
+
+fn files_of(shot: &Shot) -> impl Iterator<Item = &Path> {
+    let normal = shot.normal.iter().flat_map(|normal| [Some(&normal.map), normal.coverage.as_ref()]);
+    let optional = [shot.mask.as_ref(), shot.materials.albedo.as_ref(), shot.materials.surface.as_ref()];
+    [Some(&shot.image)].into_iter().chain(optional).chain(normal).flatten().map(PathBuf::as_path)
+}
+
+/// Whether a file belongs to no data set.
+fn is_aside(path: &Path) -> bool {
+    let is_of = |name: &str, known: &[&str]| known.iter().any(|known| name.eq_ignore_ascii_case(known));
+    let first = path.iter().next().unwrap_or_default();
+    let ending = path.extension().unwrap_or_default();
+    let is_at_top = first == path.as_os_str();
+    is_of(&first.to_string_lossy(), &MEASURED) || is_at_top && is_of(&ending.to_string_lossy(), &ASIDE)
+}
+
+/// A folder or a file at the top, with the number of its files.
+fn entry(top: &Path, count: usize) -> String {
+    let name = top.to_string_lossy();
+    let factor = name.rsplit_once('_').map(|(_, factor)| factor).filter(|factor| ["2", "4", "8"].contains(factor));
+    match factor {
+        Some(factor) => format!("{top:?} ({count} files, copies for pictures {factor} times smaller)"),
+        None if top.extension().is_none() || count > 1 => format!("{top:?} ({count} files)"),
+        None => format!("{top:?}"),
+    }
+}

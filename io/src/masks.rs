@@ -1,0 +1,109 @@
+//! Masks of photographs: those that a list names, and those of a folder, by the names of their
+//! pictures.
+
+use crate::{
+    named::{Files, is_picture, key_of, only, stem_of},
+    photographs::some_of,
+    shot::{Shot, find_mask, has_image_ending},
+};
+use std::{
+    collections::{HashMap, HashSet},
+    path::{Path, PathBuf},
+};
+
+/// Names of the folder of masks, in the data set or in its folder of images.
+const FOLDERS: [&str; 2] = ["masks", "mask"];
+/// Ends of names that distinguish masks from their pictures.
+const ENDS: [&str; 3] = ["_mask", ".mask", "-mask"];
+
+/// Folder of masks of a data set.
+pub(crate) fn folder(files: &Files, images: &Path) -> Option<PathBuf> {
+    let places = [Path::new(""), images].into_iter().flat_map(|place| FOLDERS.map(|name| place.join(name)));
+    places.filter_map(|place| files.folder(&place)).next().map(Path::to_owned)
+}
+
+/// Adds masks of the folder to pictures without one, by their paths below the folder of images, and
+/// notes masks and pictures that remain. Returns the folder.
+pub(crate) fn assign(
+    files: &Files,
+    images: &Path,
+    shots: &mut [(PathBuf, Shot)],
+    notes: &mut Vec<String>,
+) -> Option<PathBuf> {
+    let masks = folder(files, images).map(|folder| Masks::below(files, &folder));
+    let count = |named: &dyn Fn(&Path) -> String| {
+        let mut counts: HashMap<String, usize> = HashMap::new();
+        shots.iter().for_each(|(image, _)| *counts.entry(named(image)).or_default() += 1);
+        counts
+    };
+    let same_names = count(&name_of);
+    if let Some(masks) = &masks {
+        for (image, shot) in shots.iter_mut().filter(|(_, shot)| shot.mask.is_none()) {
+            shot.mask = masks.of(image, same_names[&name_of(image)] == 1);
+        }
+        masks.note_unused(shots.iter().filter_map(|(_, shot)| shot.mask.as_deref()).collect(), notes);
+    }
+    let without = shots.iter().filter(|(_, shot)| shot.mask.is_none()).count();
+    if without > 0 && without < shots.len() {
+        let place = masks.as_ref().map_or(String::new(), |masks| format!(" in {:?}", masks.folder));
+        notes.push(format!("{without} of {} pictures have no mask{place} and count in full", shots.len()));
+    }
+    masks.map(|masks| masks.folder)
+}
+
+/// Masks of a folder.
+struct Masks {
+    folder: PathBuf,
+    paths: Vec<PathBuf>,
+    /// Indices of masks by the paths and by the names of their pictures.
+    by_path: HashMap<String, Vec<usize>>,
+    by_name: HashMap<String, Vec<usize>>,
+}
+
+impl Masks {
+    fn below(files: &Files, folder: &Path) -> Self {
+        let below = files.paths.iter().filter_map(|path| path.strip_prefix(folder).ok());
+        let paths: Vec<PathBuf> = below.filter(|path| is_picture(path)).map(Path::to_owned).collect();
+        let mut masks =
+            Self { folder: files.root.join(folder), paths, by_path: HashMap::new(), by_name: HashMap::new() };
+        for (index, path) in masks.paths.iter().enumerate().filter(|(_, path)| has_image_ending(path)) {
+            masks.by_path.entry(mask_key(path)).or_default().push(index);
+            masks.by_name.entry(name_of(path)).or_default().push(index);
+        }
+        masks
+    }
+
+    /// Mask of a picture, by its name without folders only where no other picture has it.
+    fn of(&self, image: &Path, has_own_name: bool) -> Option<PathBuf> {
+        let one = |masks: &HashMap<String, Vec<usize>>, key: &str| only(masks.get(key)?.iter()).copied();
+        let by_name = || one(&self.by_name, &name_of(image)).filter(|_| has_own_name);
+        let alike = || one(&self.by_path, &mask_key(image)).or_else(by_name);
+        find_mask(&self.folder, image).or_else(|| Some(self.folder.join(&self.paths[alike()?])))
+    }
+
+    fn note_unused(&self, used: HashSet<&Path>, notes: &mut Vec<String>) {
+        let is_unused = |path: &&PathBuf| !used.contains(self.folder.join(path).as_path());
+        let unused: Vec<&PathBuf> = self.paths.iter().filter(is_unused).collect();
+        if !unused.is_empty() {
+            notes.push(format!(
+                "{} of {} masks in {:?} match no picture, or several, and are not used: {}; name them as the pictures",
+                unused.len(),
+                self.paths.len(),
+                self.folder,
+                some_of(&unused)
+            ));
+        }
+    }
+}
+
+/// Key of the picture that a mask belongs to.
+fn mask_key(path: &Path) -> String {
+    let key = key_of(path);
+    let stem = stem_of(&key);
+    let bare = ENDS.iter().find_map(|end| stem.strip_suffix(end)).unwrap_or(stem);
+    stem_of(bare).to_owned()
+}
+
+fn name_of(path: &Path) -> String {
+    mask_key(Path::new(path.file_name().unwrap_or_default()))
+}
