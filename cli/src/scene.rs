@@ -3,13 +3,13 @@
 use crate::{
     args::{ProfileName, ViewOptions},
     failure::Failure,
-    output, progress,
+    progress,
 };
 use glam::Vec3;
 use specula_core::{antialias::LowPass, scene::Image, shade::ShadingForm};
 use specula_io::{
-    Error, IMAGE_ENDINGS, Input,
-    latlong::{LatLong, MapOrientation, RADIANCE_ENDINGS},
+    Error, Input, glb,
+    latlong::{LatLong, MapOrientation},
     model_folder::{self, Model},
 };
 use specula_report::measure::{self, ViewMeasures};
@@ -32,33 +32,15 @@ pub(crate) fn open(
     profile: Option<ProfileName>,
     low_pass: Option<LowPass>,
 ) -> Result<OpenedModel, Failure> {
-    if output::ending(path).as_deref() == Some("glb") && path.is_file() {
-        return open_glb(path, profile, low_pass);
-    }
-    refuse_pictures(path)?;
-    let mut model = open_model(path)?;
-    if let Some(low_pass) = low_pass {
-        if model.gaussians.layout.is_smoothed {
-            return Err(Failure::Input(format!(
-                "{path:?} has the filters of Mip-Splatting, and is shown with them; omit --antialiased"
-            )));
-        }
-        model.gaussians.layout.low_pass = low_pass;
-    }
-    let shading_model = shading_model_of(&model, profile)?;
-    Ok(OpenedModel::under(path, model, shading_model))
-}
-
-/// Refuses a file that holds a light or a picture, by the ending of its name.
-fn refuse_pictures(path: &Path) -> Result<(), Failure> {
-    let is_picture = |ending: String| RADIANCE_ENDINGS.iter().chain(&IMAGE_ENDINGS).any(|known| ending == *known);
-    if path.is_file() && output::ending(path).is_some_and(is_picture) {
-        return Err(Failure::Input(format!(
-            "{path:?} is a light or a picture and no scene; name a model folder, a PLY or a .glb file of Gaussians, and \
-             lights with --env"
-        )));
-    }
-    Ok(())
+    let opened = if glb::is_gltf(path) {
+        open_glb(path, profile, low_pass)?
+    } else {
+        let model = open_model(path, low_pass)?;
+        let shading_model = shading_model_of(&model, profile)?;
+        OpenedModel::under(path, model, shading_model)
+    };
+    opened.notes.iter().for_each(|note| tracing::warn!("{note}"));
+    Ok(opened)
 }
 
 /// Opens a glTF file, which names its shading.
@@ -148,22 +130,24 @@ pub(crate) fn refuse_transparent_layers(views: &ViewOptions, layers: &[Layer]) -
     Err(Failure::Input("--background transparent is of colours; add rgb to --layers".into()))
 }
 
-/// Opens a model. The error for another file or folder names what to open instead, if it is known.
-fn open_model(path: &Path) -> Result<Model, Failure> {
-    const EXPORTS: [&str; 3] = ["splat", "spz", "obj"];
-    if output::ending(path).is_some_and(|ending| EXPORTS.contains(&ending.as_str())) && path.is_file() {
-        return Err(Failure::Input(format!(
-            "{path:?} is of a format that specula writes for other programs and does not read; open the folder of the model \
-             or the .ply file that it was made from"
-        )));
-    }
-    model_folder::open(path).map_err(|error| match (&error, models_in(path).as_slice()) {
+/// Opens a model. The error for another folder names what to open instead, if it is known.
+fn open_model(path: &Path, low_pass: Option<LowPass>) -> Result<Model, Failure> {
+    let mut model = model_folder::open(path).map_err(|error| match (&error, models_in(path).as_slice()) {
         (Error::NoModel { .. }, [first, others @ ..]) => {
             let also = if others.is_empty() { String::new() } else { format!(", or one of {others:?}") };
             Failure::Input(format!("{path:?} is no model, but holds some; open {first:?}{also}"))
         }
         _ => error.into(),
-    })
+    })?;
+    if let Some(low_pass) = low_pass {
+        if model.gaussians.layout.is_smoothed {
+            return Err(Failure::Input(format!(
+                "{path:?} has the filters of Mip-Splatting, and is shown with them; omit --antialiased"
+            )));
+        }
+        model.gaussians.layout.low_pass = low_pass;
+    }
+    Ok(model)
 }
 
 /// Models in a folder, by name.

@@ -212,14 +212,15 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
-    /// A PLY file has PlayCanvas's packed layout.
-    #[error(
-        "{path:?} is a compressed PLY of PlayCanvas; convert it to the plain layout of 3D Gaussian splatting first, \
-         with splat-transform or SuperSplat"
-    )]
-    CompressedPly {
+    /// A file is of a kind that is known and not read.
+    #[error("{path:?} is {kind}; {remedy}")]
+    OtherKind {
         /// The file.
         path: PathBuf,
+        /// Name of the kind.
+        kind: &'static str,
+        /// Remedy.
+        remedy: &'static str,
     },
     /// A property is missing.
     #[error("no property \"{property}\" in {path:?}; {layout} is expected")]

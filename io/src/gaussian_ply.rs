@@ -9,15 +9,22 @@
 //!   by coefficient, with the first), opacity, scale, rot, roughness, specular
 //! * physical materials: GaussianShader's, then albedo, metallic, ambient (linear)
 //! * Mip-Splatting: any, then filter_3D, the deviation of each Gaussian's filter in space
+//! * 2D Gaussian splatting: the first, without scale_2
+//!
+//! The layout is the one whose columns are there; other columns are left out, and noted.
 
 use crate::{
     error::{Error, Result},
-    table::Table,
+    kinds,
+    table::{Columns, Table},
     whole_file,
 };
-use specula_core::scene::{
-    ALBEDO, AMBIENT, Appearance, DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, METALNESS, NORMAL_RESIDUAL_1,
-    NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS, TINT,
+use specula_core::{
+    activation::logit,
+    scene::{
+        ALBEDO, AMBIENT, Appearance, DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, METALNESS, NORMAL_RESIDUAL_1,
+        NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS, TINT,
+    },
 };
 use std::{
     io::{self, Write},
@@ -28,8 +35,16 @@ use std::{
 const FILTER: &str = "filter_3D";
 /// Property of physical materials.
 const METALNESS_NAME: &str = "metallic";
+/// Properties that no layout but GaussianShader's has.
+const OF_SHADED: [&str; 6] = ["nx2", "ny2", "nz2", "specular0", "specular1", "specular2"];
 const RADIANCE_LAYOUT: &str = "the layout of 3D Gaussian splatting";
-const SHADED_LAYOUT: &str = "GaussianShader's layout (it has \"roughness\")";
+const SHADED_LAYOUT: &str = "GaussianShader's layout";
+/// Thickness of a flat Gaussian, relative to its smaller axis.
+const FLAT: f32 = 1e-3;
+/// Scale of an axis of a Gaussian that has none, in world units.
+const SCALE_MIN: f32 = 1e-12;
+/// Number of names in a note.
+const NAMES_MAX: usize = 8;
 
 /// Gaussians of a PLY file, in the file's conventions.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,6 +53,8 @@ pub struct GaussianFile {
     pub gaussians: Gaussians<Vec<f32>>,
     /// Comment lines of the header.
     pub comments: Vec<String>,
+    /// What of the file is not taken as it is, a sentence each.
+    pub notes: Vec<String>,
 }
 
 /// A column of a file: its name and its source.
@@ -55,21 +72,84 @@ enum Holds {
     Normal(usize),
 }
 
-/// Reads Gaussians of either layout; the property `roughness` identifies GaussianShader's, and
-/// `filter_3D` both filters of Mip-Splatting.
+/// Reads Gaussians of the layout that the columns have. Infinite opacities and scales of minus
+/// infinity, which converters write for the logarithms of 0 and 1, become finite.
 ///
 /// # Errors
 ///
-/// An error of [`Error`] for files that cannot be read or parsed, exceed their memory budget, or
-/// hold numbers that are not finite.
+/// An error of [`Error`] for files that cannot be read or parsed, exceed their memory budget, hold
+/// no Gaussians, or numbers that are not finite.
 pub fn read(path: &Path) -> Result<GaussianFile> {
     let mut table = Table::open(path)?;
     let comments = core::mem::take(&mut table.comments);
+    if !["f_dc_0", "opacity", "scale_0", "rot_0"].iter().any(|name| table.has(name)) && table.has("x") {
+        return Err(kinds::points_or_mesh(path, table.has_faces));
+    }
     let layout = layout_of(path, &table)?;
     let count = table.count();
+    let mut names = names_by_plane(layout);
+    let mut notes = Vec::from_iter(note_left_out(path, &table, layout));
+    let is_flat = table.has("scale_1") && !table.has("scale_2");
+    if is_flat {
+        // A plane of the same length, whose numbers are replaced.
+        names[LOG_SCALE + 2] = "scale_1".to_owned();
+        notes.push(format!("{path:?} has two scales, as of 2D Gaussian splatting; its Gaussians are shown flat"));
+    }
+    let mut columns = table.read_any(&names, name_of(layout))?;
+    notes.extend(note_infinities(path, replace_infinities(&mut columns, count, is_flat)));
+    columns.refuse_non_finite(path)?;
+    Ok(GaussianFile { gaussians: Gaussians { count, layout, values: columns.values }, comments, notes })
+}
 
-    let values = table.read(&names_by_plane(layout), name_of(layout))?.values;
-    Ok(GaussianFile { gaussians: Gaussians { count, layout, values }, comments })
+/// Note on columns without a place in a layout.
+fn note_left_out(path: &Path, table: &Table, layout: Layout) -> Option<String> {
+    let known = columns(layout);
+    let left_out: Vec<&str> = table.names().filter(|name| known.iter().all(|column| column.name != *name)).collect();
+    let names = left_out.iter().take(NAMES_MAX).copied().collect::<Vec<_>>().join(", ");
+    let more = match left_out.len().saturating_sub(NAMES_MAX) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    let layout = name_of(layout);
+    (!left_out.is_empty()).then(|| format!("{path:?} is read in {layout}, which has no {names}{more}: left out"))
+}
+
+/// Replaces infinite numbers with a meaning. Returns the numbers of opacities and of scales.
+fn replace_infinities(columns: &mut Columns, count: usize, is_flat: bool) -> [usize; 2] {
+    let mut replaced = [0; 2];
+    for row in 0..count {
+        let [opacity]: [f32; 1] = columns.get(row, OPACITY);
+        if opacity.is_infinite() {
+            columns.set(row, OPACITY, [logit(if opacity > 0.0 { 1.0 } else { 0.0 })]);
+            replaced[0] += 1;
+        }
+        let mut log_scales: [f32; 3] = columns.get(row, LOG_SCALE);
+        if is_flat {
+            log_scales[2] = f32::NEG_INFINITY;
+        }
+        if log_scales.contains(&f32::NEG_INFINITY) {
+            columns.set(row, LOG_SCALE, thin(log_scales));
+            replaced[1] += usize::from(!is_flat);
+        }
+    }
+    replaced
+}
+
+/// Finite logarithms of scales, of which some are zero.
+fn thin(log_scales: [f32; 3]) -> [f32; 3] {
+    let finite = log_scales.into_iter().filter(|log_scale| *log_scale != f32::NEG_INFINITY);
+    let smallest = finite.fold(f32::INFINITY, f32::min);
+    let thin = if smallest == f32::INFINITY { SCALE_MIN.ln() } else { smallest + FLAT.ln() };
+    log_scales.map(|log_scale| if log_scale == f32::NEG_INFINITY { thin } else { log_scale })
+}
+
+fn note_infinities(path: &Path, [opacities, scales]: [usize; 2]) -> Option<String> {
+    (opacities + scales > 0).then(|| {
+        format!(
+            "{path:?} has {opacities} infinite opacities, read as 0 or 1, and {scales} Gaussians with scales of 0, \
+             shown flat"
+        )
+    })
 }
 
 /// Writes Gaussians in the layout of their appearance. Comments must be single lines.
@@ -101,20 +181,29 @@ pub fn write_with_normals(
 }
 
 fn layout_of(path: &Path, table: &Table) -> Result<Layout> {
-    let appearance = if table.has("roughness") { Appearance::Shaded } else { Appearance::Radiance };
     let count = table.names().filter(|name| name.starts_with("f_rest_")).count();
+    let appearance = if is_shaded(table, count) { Appearance::Shaded } else { Appearance::Radiance };
     let (sh_degree, allowed) = match appearance {
         Appearance::Radiance => (degree_of(count + 3).map(Some), "0, 9, 24 or 45"),
         Appearance::Shaded if count == 0 => (Some(None), ""),
         Appearance::Shaded => (degree_of(count).map(Some), "0, 3, 12, 27 or 48"),
     };
     let layout = Layout { appearance, sh_degree: sh_degree.flatten(), ..Layout::radiance(0) };
-    let layout = if table.has(METALNESS_NAME) { layout.physical() } else { layout };
+    let is_physical = layout.is_shaded() && names_by_plane(layout.physical()).iter().all(|name| table.has(name));
+    let layout = if is_physical { layout.physical() } else { layout };
     let layout = if table.has(FILTER) { layout.antialiased() } else { layout };
     match sh_degree {
         Some(_) => Ok(layout),
         None => Err(Error::HarmonicsCount { path: path.to_owned(), count, layout: name_of(layout), allowed }),
     }
+}
+
+/// Returns whether a file has GaussianShader's layout, or a part of it without harmonics by which
+/// it could be shown.
+fn is_shaded(table: &Table, rest_count: usize) -> bool {
+    let of_shaded = OF_SHADED.iter().filter(|name| table.has(name)).count();
+    let has_harmonics = rest_count > 0 && degree_of(rest_count + 3).is_some();
+    (of_shaded == OF_SHADED.len() && table.has("roughness")) || (of_shaded > 0 && !has_harmonics)
 }
 
 /// Degree of spherical harmonics with `numbers` coefficients in three colours.

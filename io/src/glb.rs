@@ -5,6 +5,8 @@
 //! Shading attributes follow as `SPECULA_shading` ([`Shading`]), an optional extension of that
 //! extension; `docs/export.md` describes it.
 
+mod document;
+mod nodes;
 mod read;
 
 use crate::{
@@ -21,10 +23,13 @@ use specula_core::{
 };
 use std::path::Path;
 
-pub use read::{GlbScene, degree, read};
+pub use read::{GlbScene, degree, is_gltf, read};
 
 const SPLATTING: &str = "KHR_gaussian_splatting";
 const SHADING: &str = "SPECULA_shading";
+/// Colour spaces of the extension.
+const SRGB: &str = "srgb_rec709_display";
+const LINEAR: &str = "lin_rec709_display";
 const FLOAT: u32 = 5126;
 const POINTS: u32 = 0;
 /// Magic numbers: "glTF"; chunks "JSON" and "BIN\0".
@@ -84,7 +89,7 @@ pub fn write(
         attributes.insert(name, accessor.into());
     }
     let mut extension = json!({
-        "kernel": "ellipse", "colorSpace": "srgb_rec709_display", "projection": "perspective",
+        "kernel": "ellipse", "colorSpace": SRGB, "projection": "perspective",
         "sortingMethod": "cameraDistance",
     });
     let mut used = vec![SPLATTING];

@@ -34,6 +34,11 @@ impl<'a> Input<'a> {
         self.path
     }
 
+    /// Whether there is a folder around the file.
+    pub(crate) const fn is_on_disk(self) -> bool {
+        self.bytes.is_none()
+    }
+
     /// Reader from the first byte.
     ///
     /// # Errors

@@ -4,10 +4,11 @@
 use crate::{
     cube::{Cube, floor_and_rest, mix},
     error::{Error, Result},
+    exr_decoder::ExrDecoder,
     input::Input,
-    pixels::{Future, ask_for, decode, refuse_many_attributes, with_pixels},
+    pixels::{Future, decode, refuse_many_attributes},
     planes::{self, NamedPlane},
-    whole_file,
+    radiance, whole_file,
 };
 use core::f64::consts::PI;
 use glam::{DQuat, DVec3};
@@ -19,6 +20,8 @@ use std::{
     path::Path,
 };
 
+/// First bytes of an OpenEXR file.
+const OPENEXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 /// Replacement of infinite radiance: the largest half float, which most tools write for it.
 const LARGEST_HALF: f32 = 65504.0;
 /// Largest power of ten that RGBE can represent.
@@ -203,9 +206,8 @@ pub fn read_from(input: Input<'_>) -> Result<(LatLong, Cleaned)> {
 /// # Errors
 /// [`Error::Read`], where the file cannot be read.
 pub fn holds_radiance(input: Input<'_>) -> Result<bool> {
-    const OPENEXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
     let start = start_of(input)?;
-    Ok(is_radiance(&start) || start == OPENEXR)
+    Ok(is_radiance(&start) || start.starts_with(&OPENEXR))
 }
 
 /// Reads the size of a map, width and height in pixels, from its header.
@@ -216,14 +218,33 @@ pub fn holds_radiance(input: Input<'_>) -> Result<bool> {
 /// [`read`].
 pub fn size(input: Input<'_>) -> Result<[u32; 2]> {
     let path = input.path();
-    let (width, height) = if is_radiance(&start_of(input)?) {
-        codecs::hdr::HdrDecoder::new_nonstrict(input.open()?).map_err(Error::decoding(path))?.dimensions()
-    } else {
-        let format = ImageReader::new(input.open()?).with_guessed_format().map_err(Error::reading(path))?;
-        refuse_many_attributes(input, format.format())?;
-        format.into_dimensions().map_err(Error::decoding(path))?
+    if is_radiance(&start_of(input)?) {
+        return Ok(radiance::Header::read(input)?.0.size());
+    }
+    let format = ImageReader::new(input.open()?).with_guessed_format().map_err(Error::reading(path))?;
+    refuse_many_attributes(input, format.format())?;
+    let (width, height) = match format.format() {
+        Some(ImageFormat::OpenExr) => ExrDecoder::new(input)?.dimensions(),
+        _ => format.into_dimensions().map_err(Error::decoding(path))?,
     };
     Ok([width, height])
+}
+
+/// Notes on what of a file in a high-dynamic-range format is not read as it is.
+///
+/// # Errors
+///
+/// Those of [`read`].
+pub fn notes(input: Input<'_>) -> Result<Vec<String>> {
+    let start = start_of(input)?;
+    if is_radiance(&start) {
+        return Ok(radiance::Header::read(input)?.0.notes);
+    }
+    if !start.starts_with(&OPENEXR) {
+        return Ok(Vec::new());
+    }
+    refuse_many_attributes(input, Some(ImageFormat::OpenExr))?;
+    Ok(ExrDecoder::new(input)?.notes)
 }
 
 /// Writes `.hdr` (RGBE, steps of about 1 %) or `.exr` (lossless).
@@ -383,7 +404,8 @@ fn mean_over(samples: usize, sample: impl Fn(f64, f64) -> ([f32; 3], f64)) -> [f
 }
 
 fn read_linear(input: Input<'_>) -> Result<(usize, usize, Vec<f32>)> {
-    let image = if is_radiance(&start_of(input)?) { decode_radiance(input)? } else { decode(input, RADIANCE)? };
+    let image =
+        if is_radiance(&start_of(input)?) { radiance::decode(input, RADIANCE)? } else { decode(input, RADIANCE)? };
     let (width, height) = (image.width() as usize, image.height() as usize);
     let is_linear = matches!(image, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_));
     let mut rgb = floats(image);
@@ -399,18 +421,12 @@ fn is_radiance(start: &[u8]) -> bool {
     start.starts_with(b"#?")
 }
 
-/// First four bytes of a file, or all of a shorter one.
-fn start_of(input: Input<'_>) -> Result<Vec<u8>> {
+/// First bytes of a file, enough to tell its kind, or all of a shorter one.
+pub(crate) fn start_of(input: Input<'_>) -> Result<Vec<u8>> {
+    const ENOUGH: u64 = 32;
     let mut start = Vec::new();
-    input.open()?.take(4).read_to_end(&mut start).map_err(Error::reading(input.path()))?;
+    input.open()?.take(ENOUGH).read_to_end(&mut start).map_err(Error::reading(input.path()))?;
     Ok(start)
-}
-
-fn decode_radiance(input: Input<'_>) -> Result<DynamicImage> {
-    let path = input.path();
-    let decoder = codecs::hdr::HdrDecoder::new_nonstrict(input.open()?).map_err(Error::decoding(path))?;
-    ask_for(input, &decoder, Some(ImageFormat::Hdr), RADIANCE)?;
-    with_pixels(path, DynamicImage::from_decoder(decoder).map_err(Error::decoding(path))?)
 }
 
 /// Red, green and blue without the clamp to [0, 1] of `image`'s conversions.

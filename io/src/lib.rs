@@ -36,6 +36,7 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 
+mod affine;
 mod blender;
 pub mod budget;
 pub mod cameras;
@@ -45,11 +46,13 @@ mod cube;
 pub mod dataset;
 mod error;
 pub mod exposure;
+mod exr_decoder;
 pub mod gaussian_ply;
 pub mod glb;
 mod input;
 mod jpeg;
 mod json;
+mod kinds;
 pub mod ktx;
 pub mod latlong;
 mod left_out;
@@ -70,6 +73,7 @@ pub mod picture;
 pub mod pixels;
 pub mod planes;
 pub mod points_ply;
+mod radiance;
 mod shot;
 pub mod splat;
 pub mod spz;

@@ -121,6 +121,8 @@ pub struct Model {
     pub gaussians: Gaussians<Vec<f32>>,
     /// Comment lines of their file.
     pub comments: Vec<String>,
+    /// What of their file is not taken as it is, a sentence each.
+    pub notes: Vec<String>,
     /// Light as radiance ([`RadianceActivation::Identity`]), or as a network; none for plain
     /// Gaussian splatting.
     pub light: Option<Environment<Vec<f32>>>,
@@ -432,6 +434,7 @@ pub fn open_iteration(folder: &Path, iteration: u32) -> Result<Model> {
     Ok(Model {
         gaussians: file.gaussians,
         comments: file.comments,
+        notes: file.notes,
         light,
         near_field: near_field.map(|path| near_field::read(&path)).transpose()?,
         is_relit,
@@ -448,6 +451,7 @@ fn open_ply(path: &Path) -> Result<Model> {
     Ok(Model {
         gaussians: file.gaussians,
         comments: file.comments,
+        notes: file.notes,
         light: None,
         near_field: None,
         is_relit: false,

@@ -3,6 +3,7 @@
 use crate::{
     budget::{PICTURE, PICTURE_NOTES_MAX},
     error::{Error, Result},
+    exr_decoder::ExrDecoder,
     input::Input,
     jpeg,
 };
@@ -304,7 +305,10 @@ fn decode_with_orientation(input: Input<'_>, future: Future) -> Result<(DynamicI
     let mut limits = Limits::no_limits();
     limits.max_alloc = Some(PICTURE_NOTES_MAX);
     reader.limits(limits.clone());
-    let mut decoder = reader.into_decoder().map_err(Error::decoding(path))?;
+    let mut decoder: Box<dyn ImageDecoder + '_> = match format {
+        Some(ImageFormat::OpenExr) => Box::new(ExrDecoder::new(input)?),
+        _ => Box::new(reader.into_decoder().map_err(Error::decoding(path))?),
+    };
     limits.max_alloc = Some(PICTURE.of(input.len()?));
     let taken = ask_for(input, &decoder, format, future)?;
     limits.reserve(taken).map_err(Error::decoding(path))?;

@@ -3,6 +3,9 @@
 use crate::{
     budget::{PLY_HEADER_MAX, PLY_LINE_MAX, SCENE},
     error::{Error, Result},
+    input::Input,
+    kinds,
+    latlong::start_of,
 };
 use core::fmt::Display;
 use ply_rs_bw::{
@@ -11,6 +14,7 @@ use ply_rs_bw::{
 };
 use specula_core::scene::BLOCK;
 use std::{
+    collections::HashSet,
     fs::File,
     io::{BufRead, BufReader, ErrorKind, Read, Seek},
     path::{Path, PathBuf},
@@ -18,6 +22,8 @@ use std::{
 
 /// Name of the element that is read.
 const VERTEX: &str = "vertex";
+/// Name of the element of meshes.
+const FACE: &str = "face";
 
 /// A PLY file, read up to its first vertex.
 pub(crate) struct Table {
@@ -29,6 +35,8 @@ pub(crate) struct Table {
     len: u64,
     /// Comment lines of the header, without the word `comment`.
     pub(crate) comments: Vec<String>,
+    /// Whether the vertices belong to faces.
+    pub(crate) has_faces: bool,
 }
 
 /// Type and byte offset of a number in a row.
@@ -53,12 +61,20 @@ impl Columns {
         core::array::from_fn(|k| self.values[self.index_of(row, first_column + k)])
     }
 
+    /// Sets `N` neighbouring columns of one row.
+    pub(crate) fn set<const N: usize>(&mut self, row: usize, first_column: usize, numbers: [f32; N]) {
+        for (k, number) in numbers.into_iter().enumerate() {
+            let index = self.index_of(row, first_column + k);
+            self.values[index] = number;
+        }
+    }
+
     fn index_of(&self, row: usize, column: usize) -> usize {
         (row / BLOCK * self.names.len() + column) * BLOCK + row % BLOCK
     }
 
     /// Refuses numbers that are NaN or infinite, naming the first vertex that has one.
-    fn refuse_non_finite(&self, path: &Path) -> Result<()> {
+    pub(crate) fn refuse_non_finite(&self, path: &Path) -> Result<()> {
         if self.values.iter().all(|number| number.is_finite()) {
             return Ok(());
         }
@@ -73,14 +89,19 @@ impl Columns {
 impl Table {
     /// Opens a file and reads up to its first vertex.
     pub(crate) fn open(path: &Path) -> Result<Self> {
+        if !start_of(Input::file(path))?.starts_with(b"ply") {
+            kinds::refuse(Input::file(path))?;
+        }
         let file = File::open(path).map_err(Error::reading(path))?;
         let len = file.metadata().map_err(Error::reading(path))?.len();
         let mut reader = BufReader::with_capacity(1 << 20, file);
         let header = read_header(path, &mut reader)?;
+        refuse_repeated_names(path, &mut reader)?;
         refuse_compressed(path, &header)?;
         let vertex = vertex_of(path, &header)?.clone();
-        let mut table =
-            Self { path: path.to_owned(), encoding: header.encoding, vertex, reader, len, comments: header.comments };
+        let has_faces = header.elements.values().any(|element| element.name == FACE && element.count > 0);
+        let (path, comments) = (path.to_owned(), header.comments);
+        let mut table = Self { path, encoding: header.encoding, vertex, reader, len, comments, has_faces };
         for element in header.elements.values().take_while(|element| element.name != VERTEX) {
             table.skip(element)?;
         }
@@ -190,8 +211,17 @@ impl Table {
         }
     }
 
-    /// Reads the named columns. `layout` is the expected layout for error messages.
-    pub(crate) fn read(mut self, names: &[String], layout: &'static str) -> Result<Columns> {
+    /// Reads the named columns, whose numbers must be finite. `layout` is the expected layout for
+    /// error messages.
+    pub(crate) fn read(self, names: &[String], layout: &'static str) -> Result<Columns> {
+        let path = self.path.clone();
+        let columns = self.read_any(names, layout)?;
+        columns.refuse_non_finite(&path)?;
+        Ok(columns)
+    }
+
+    /// [`Table::read`] of any numbers.
+    pub(crate) fn read_any(mut self, names: &[String], layout: &'static str) -> Result<Columns> {
         if let Some(name) = names.iter().find(|name| !self.has(name)) {
             return Err(Error::MissingProperty { path: self.path, property: name.clone(), layout });
         }
@@ -202,7 +232,6 @@ impl Table {
             Encoding::Ascii => self.read_text(&mut columns, cells.len())?,
             _ => self.read_binary(&mut columns, &cells, row_size)?,
         }
-        columns.refuse_non_finite(&self.path)?;
         Ok(columns)
     }
 
@@ -386,7 +415,33 @@ fn vertex_of<'a>(path: &Path, header: &'a Header) -> Result<&'a ElementDef> {
 fn refuse_compressed(path: &Path, header: &Header) -> Result<()> {
     let is_packed = |element: &ElementDef| element.properties.keys().any(|name| name.starts_with("packed_"));
     if header.elements.values().any(is_packed) {
-        return Err(Error::CompressedPly { path: path.to_owned() });
+        return Err(kinds::compressed_ply(path));
+    }
+    Ok(())
+}
+
+/// Refuses a header that names a property of an element twice: its parser keeps one of them, so
+/// that rows would be read with another length than they have.
+fn refuse_repeated_names(path: &Path, reader: &mut BufReader<File>) -> Result<()> {
+    let len = reader.stream_position().map_err(Error::reading(path))?;
+    reader.rewind().map_err(Error::reading(path))?;
+    let mut header = vec![0; len as usize];
+    reader.read_exact(&mut header).map_err(Error::reading(path))?;
+    let (mut element, mut known) = (String::new(), HashSet::new());
+    for line in String::from_utf8_lossy(&header).lines() {
+        let mut words = line.split_ascii_whitespace();
+        let name = match (words.next(), words.next(), words.next_back()) {
+            (Some("element"), Some(name), _) => {
+                name.clone_into(&mut element);
+                element.clone()
+            }
+            (Some("property"), _, Some(name)) => format!("{element} {name}"),
+            _ => continue,
+        };
+        if !known.insert(name.clone()) {
+            let cause = format!("its header names {name:?} twice; remove one of them");
+            return Err(Error::PlyHeader { path: path.to_owned(), cause });
+        }
     }
     Ok(())
 }

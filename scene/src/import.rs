@@ -18,13 +18,14 @@ use specula_io::{
     orientation::{Orientation, UpSource},
 };
 
-/// Reads a scene, and its orientation, from a `.glb` with Gaussians.
+/// Reads a scene, its orientation, and notes on what is not shown as it is, from glTF with
+/// Gaussians.
 ///
 /// # Errors
 ///
 /// [`Error::Glb`] for a file without Gaussians or with faults.
-pub fn scene_of_glb(input: Input<'_>) -> Result<(Scene, Orientation), SceneError> {
-    let GlbScene { gaussians, shading, up } = glb::read(input)?;
+pub fn scene_of_glb(input: Input<'_>) -> Result<(Scene, Orientation, Vec<String>), SceneError> {
+    let GlbScene { gaussians, shading, up, notes } = glb::read(input)?;
     let refuse = |cause: String| Error::Glb { path: input.path().to_owned(), cause };
     if gaussians.count == 0 || !gaussians.values.iter().all(|number| number.is_finite()) {
         return Err(refuse("it has no Gaussians, or some that are not finite".to_owned()).into());
@@ -35,7 +36,7 @@ pub fn scene_of_glb(input: Input<'_>) -> Result<(Scene, Orientation), SceneError
         None => plain,
         Some(shading) => shaded(plain, shading).map_err(refuse)?,
     };
-    Ok((scene, orientation))
+    Ok((scene, orientation, notes))
 }
 
 /// Scene with the shading attributes of a file in place of its colours.

@@ -81,7 +81,7 @@ pub fn read(input: Input<'_>) -> Result<(LatLong, Vec<String>), SceneError> {
     if map.height == 6 * map.width {
         return Err(SceneError::CubeMap(path.to_owned()));
     }
-    let mut warnings = Vec::new();
+    let mut warnings = latlong::notes(input)?;
     if replaced.total() > 0 {
         warnings.push(format!(
             "{} numbers in {path:?} are no radiance and were replaced: {} NaN, {} infinite, {} negative",

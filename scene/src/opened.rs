@@ -14,6 +14,7 @@ use specula_io::{
     Input, Result,
     cameras::{self, NamedCamera},
     exposure::{self, Exposures},
+    glb,
     model_folder::{self, Model, ModelInfo},
     orientation::{Orientation, UpSource},
     origin,
@@ -39,20 +40,25 @@ pub struct OpenedModel {
     pub is_relit: bool,
     /// Whether the shading model is the one that the files name.
     pub is_read_as_saved: bool,
+    /// What of the files is not taken as it is, a sentence each.
+    pub notes: Vec<String>,
     /// Orientation that a file names.
     up_of_file: Option<Orientation>,
 }
 
 impl OpenedModel {
-    /// Opens the newest iteration of a model's folder, or a PLY file, under the shading model that
-    /// the files name; under that of the authors' code, whose layout the file has, where they name
-    /// none.
+    /// Opens the newest iteration of a model's folder, or a PLY or glTF file, under the shading
+    /// model that the files name; under that of the authors' code, whose layout the file has, where
+    /// they name none.
     ///
     /// # Errors
     ///
     /// A folder without a model, a file that cannot be read, or a shading function that is not
     /// known.
     pub fn open(path: &Path) -> core::result::Result<Self, SceneError> {
+        if glb::is_gltf(path) {
+            return Self::of_glb(path);
+        }
         let model = model_folder::open(path)?;
         ShadingModel::refuse_unknown(&model)?;
         let shading_model = ShadingModel::of_model(&model);
@@ -87,17 +93,18 @@ impl OpenedModel {
             info: model.info,
             is_relit: model.is_relit,
             is_read_as_saved,
+            notes: model.notes,
             up_of_file,
         }
     }
 
-    /// Opens a binary glTF file with Gaussians, under the shading model that it names.
+    /// Opens a glTF file with Gaussians, under the shading model that it names.
     ///
     /// # Errors
     ///
     /// A file that cannot be read, or that [`scene_of_glb`] refuses.
     pub fn of_glb(path: &Path) -> core::result::Result<Self, SceneError> {
-        let (mut scene, orientation) = scene_of_glb(Input::file(path))?;
+        let (mut scene, orientation, notes) = scene_of_glb(Input::file(path))?;
         sort_in_space(&mut scene.gaussians);
         Ok(Self {
             scene,
@@ -107,6 +114,7 @@ impl OpenedModel {
             origin: [0.0; 3],
             is_relit: false,
             is_read_as_saved: true,
+            notes,
             up_of_file: Some(orientation),
         })
     }

@@ -194,13 +194,14 @@ impl PackedScene {
     ///
     /// A sentence on the first fault.
     pub fn of_glb(name: &str, bytes: &[u8]) -> Result<Self, ViewerError> {
-        let (scene, orientation) = import::scene_of_glb(Input::memory(name, bytes))?;
+        let (scene, orientation, notes) = import::scene_of_glb(Input::memory(name, bytes))?;
         let kind = match (scene.gaussians.layout.is_physical, scene.gaussians.layout.is_shaded()) {
             (true, _) => "physical materials, relightable",
             (false, true) => "a shading function, relightable",
             (false, false) => "plain Gaussian splatting",
         };
-        let caption = format!("{} Gaussians of {name}, {kind}.", group_digits(scene.gaussians.count));
+        let notes: String = notes.iter().map(|note| format!(" Note: {note}.")).collect();
+        let caption = format!("{} Gaussians of {name}, {kind}.{notes}", group_digits(scene.gaussians.count));
         let viewed = ViewedScene {
             name: name.strip_suffix(".glb").unwrap_or(name).to_owned(),
             scene,

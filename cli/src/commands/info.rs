@@ -13,10 +13,8 @@ pub(crate) fn run(args: &Info) -> Result<(), Failure> {
     } else {
         match scene::open(&args.path, None, None) {
             Ok(opened) => of_model(&args.path, &opened)?,
-            Err(Failure::File(Error::MissingProperty { path, property, layout })) => {
-                let points = points_ply::read(&path);
-                let points = points.map_err(|_| Error::MissingProperty { path: path.clone(), property, layout })?;
-                Contents::of_points(&path, &points)
+            Err(Failure::File(error @ Error::OtherKind { .. })) => {
+                Contents::of_points(&args.path, &points_ply::read(&args.path).map_err(|_| error)?)
             }
             Err(failure) => return Err(failure),
         }

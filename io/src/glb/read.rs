@@ -1,107 +1,56 @@
-//! Reader of Gaussians in binary glTF: of this program's files, and of others' with the Khronos
-//! extension.
+//! Reader of Gaussians in glTF: of this program's files, and of others' with the Khronos extension.
 
-use super::{Attribute, BIN_CHUNK, FLOAT, JSON_CHUNK, MAGIC, SHADING, SPLATTING, Shading, harmonic};
+use super::{
+    Attribute, LINEAR, MAGIC, SHADING, SPLATTING, SRGB, Shading,
+    document::{File, Primitive},
+    harmonic,
+    nodes::Placed,
+};
 use crate::{
     Input,
+    affine::{self, SCALE_MIN},
+    budget::SCENE,
     error::{Error, Result},
-    latlong,
+    latlong::{self, ending, start_of},
 };
-use core::fmt::Display;
-use glam::{DQuat, DVec3};
+use rayon::prelude::*;
 use serde::Deserialize;
 use serde_json::{Map, Value};
 use specula_core::{
     activation::logit,
+    color::srgb_from_linear,
     scene::{Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT, len_of_values},
+    sh_fit::{self, Fit, Harmonics},
+    sphere::directions,
 };
 use std::path::Path;
 
-/// Largest number of Gaussians of a file.
-const COUNT_MAX: usize = 1 << 25;
-/// Smallest scale whose logarithm is taken, in world units.
-const SCALE_MIN: f32 = 1e-12;
-/// Difference of scales of a node along its axes, relative, up to which they are one.
-const UNIFORM: f64 = 1e-3;
+/// Words of the extension that are known. The first is the one where none is named.
+const KNOWN: [(&str, &[&str]); 4] = [
+    ("kernel", &["ellipse"]),
+    ("colorSpace", &[SRGB, LINEAR]),
+    ("projection", &["perspective"]),
+    ("sortingMethod", &["cameraDistance"]),
+];
+/// Extensions that a file may require.
+const READ: [&str; 3] = [SPLATTING, SHADING, "KHR_mesh_quantization"];
+/// Opacities beyond 0 to 1 by no more than this are rounded.
+const OPACITY_ROUNDING: f32 = 1e-3;
+/// Directions in which linear colours are converted.
+const DIRECTION_COUNT: usize = 64;
 
 /// Contents of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GlbScene {
-    /// Gaussians with harmonics of colours, in the world of the attributes.
+    /// Gaussians with harmonics of colours: of one list, in the world of its attributes; of several,
+    /// or one that is stretched, in the world of the file.
     pub gaussians: Gaussians<Vec<f32>>,
     /// Shading attributes, where there are any.
     pub shading: Option<Shading>,
-    /// Up direction in the world of the attributes, a unit vector.
+    /// Up direction in the world of the Gaussians, a unit vector.
     pub up: [f64; 3],
-}
-
-#[derive(Deserialize)]
-#[serde(rename_all = "camelCase")]
-struct Document {
-    #[serde(default)]
-    asset: Asset,
-    #[serde(default)]
-    nodes: Vec<Node>,
-    #[serde(default)]
-    meshes: Vec<Mesh>,
-    #[serde(default)]
-    accessors: Vec<Accessor>,
-    #[serde(default)]
-    buffer_views: Vec<View>,
-}
-
-#[derive(Default, Deserialize)]
-struct Asset {
-    #[serde(default)]
-    generator: String,
-}
-
-#[derive(Deserialize)]
-struct Node {
-    mesh: Option<usize>,
-    rotation: Option<[f64; 4]>,
-    scale: Option<[f64; 3]>,
-    matrix: Option<[f64; 16]>,
-}
-
-#[derive(Deserialize)]
-struct Mesh {
-    #[serde(default)]
-    primitives: Vec<Primitive>,
-}
-
-#[derive(Deserialize)]
-struct Primitive {
-    #[serde(default)]
-    attributes: Map<String, Value>,
-    #[serde(default)]
-    extensions: Map<String, Value>,
-}
-
-#[derive(Deserialize)]
-#[serde(rename_all = "camelCase")]
-struct Accessor {
-    buffer_view: Option<usize>,
-    #[serde(default)]
-    byte_offset: usize,
-    component_type: u32,
-    #[serde(default)]
-    normalized: bool,
-    count: usize,
-    #[serde(rename = "type")]
-    kind: String,
-    sparse: Option<Value>,
-}
-
-#[derive(Deserialize)]
-#[serde(rename_all = "camelCase")]
-struct View {
-    #[serde(default)]
-    buffer: usize,
-    #[serde(default)]
-    byte_offset: usize,
-    byte_length: usize,
-    byte_stride: Option<usize>,
+    /// What of the file is not taken as it is, a sentence each.
+    pub notes: Vec<String>,
 }
 
 /// Light of a shading extension.
@@ -111,111 +60,164 @@ struct LightReference {
     buffer_view: usize,
 }
 
-/// Reads the Gaussians of a file.
+/// Returns whether a file is glTF, by its contents or its name.
+pub fn is_gltf(path: &Path) -> bool {
+    let is_named = ending(path).is_some_and(|ending| ["glb", "gltf"].contains(&ending.as_str()));
+    let start = if path.is_file() { start_of(Input::file(path)).unwrap_or_default() } else { return false };
+    start.starts_with(&MAGIC.to_le_bytes()) || is_named && !start.starts_with(b"ply")
+}
+
+/// Reads the Gaussians of a file, binary (`.glb`) or text (`.gltf`) with the buffers beside it.
 ///
 /// # Errors
 ///
 /// [`Error::Glb`] for a file without Gaussians or with faults, [`Error::Read`].
 pub fn read(input: Input<'_>) -> Result<GlbScene> {
     let bytes = input.bytes()?;
-    let file = Opened::new(input.path(), &bytes)?;
-    let primitive = file.primitive()?;
-    let gaussians = file.gaussians(primitive)?;
-    let shading = file.shading(primitive, gaussians.count)?;
-    Ok(GlbScene { up: file.up(shading.is_some())?, gaussians, shading })
+    let file = File::new(input, &bytes)?;
+    if let Some(name) = file.document.extensions_required.iter().find(|name| !READ.contains(&name.as_str())) {
+        return Err(file.broken(&format_args!("it requires {name}, which is not read; write it without")));
+    }
+    let mut notes = Vec::new();
+    let placed = file.placed(&mut notes)?;
+    notes.extend(file.left_out(&placed));
+    match placed.as_slice() {
+        [only] if only.is_similar() => {
+            let gaussians = file.gaussians(only.primitive, &mut notes)?;
+            let shading = file.shading(only.primitive, gaussians.count)?;
+            let is_of_data = shading.is_some() || file.document.asset.generator.starts_with("specula ");
+            Ok(GlbScene { up: only.up(is_of_data), gaussians, shading, notes })
+        }
+        several => file.joined(several, notes),
+    }
 }
 
-/// Chunks of a file.
-struct Opened<'a> {
-    path: &'a Path,
-    document: Document,
-    binary: &'a [u8],
-}
-
-impl<'a> Opened<'a> {
-    fn new(path: &'a Path, bytes: &'a [u8]) -> Result<Self> {
-        let cut = || broken(path, &"it is no binary glTF 2.0, or cut short");
-        let word = |at: usize| Some(u32::from_le_bytes(*bytes.get(at..)?.first_chunk()?));
-        let chunk = |at: usize, kind: u32| {
-            let len = word(at)? as usize;
-            (word(at + 4)? == kind).then(|| bytes.get(at + 8..at.checked_add(8 + len)?)).flatten()
-        };
-        if word(0) != Some(MAGIC) || word(4) != Some(2) {
-            return Err(cut());
+impl File<'_> {
+    /// Lists of Gaussians in one world.
+    fn joined(&self, placed: &[Placed<'_>], mut notes: Vec<String>) -> Result<GlbScene> {
+        let count_of = |list: &Placed<'_>| self.count(list.primitive, "POSITION").unwrap_or(0);
+        let wanted = placed.iter().map(count_of).fold(0, usize::saturating_add);
+        let bytes = wanted.saturating_mul(4 * Layout::radiance(3).plane_count()) as u64;
+        SCENE.ask(self.path, bytes, format_args!("its {wanted} Gaussians in {} lists", placed.len()), bytes)?;
+        let mut lists = Vec::with_capacity(placed.len());
+        for list in placed {
+            let mut gaussians = self.gaussians(list.primitive, &mut notes)?;
+            affine::map(&mut gaussians, list.world);
+            if self.shading_properties(list.primitive).is_some() {
+                notes.push(format!("{:?} has {SHADING} in several or stretched lists: shown by harmonics", self.path));
+            }
+            if gaussians.layout.sh_count() > 1 && !list.is_similar() {
+                notes.push(format!("{:?} stretches or mirrors Gaussians, whose harmonics only turn", self.path));
+            }
+            lists.push(gaussians);
         }
-        let text = chunk(12, JSON_CHUNK).ok_or_else(cut)?;
-        let binary = chunk(20 + text.len(), BIN_CHUNK).ok_or_else(cut)?;
-        let document = serde_json::from_slice(text).map_err(|error| broken(path, &error))?;
-        Ok(Self { path, document, binary })
+        notes.sort_unstable();
+        notes.dedup();
+        Ok(GlbScene { gaussians: concatenated(&lists), shading: None, up: [0.0, 1.0, 0.0], notes })
     }
 
-    fn broken(&self, cause: &dyn Display) -> Error {
-        broken(self.path, cause)
-    }
-
-    /// The one list of Gaussians.
-    fn primitive(&self) -> Result<&Primitive> {
-        let all = self.document.meshes.iter().flat_map(|mesh| &mesh.primitives);
-        let mut gaussians = all.filter(|primitive| primitive.extensions.contains_key(SPLATTING));
-        match (gaussians.next(), gaussians.next()) {
-            (Some(only), None) => Ok(only),
-            (None, _) => Err(self.broken(&format_args!("it has no Gaussians with {SPLATTING}"))),
-            _ => Err(self.broken(&"it has several lists of Gaussians; join them to one")),
-        }
-    }
-
-    /// Up direction: +y of glTF as seen from the node's world; for files of this program without a
-    /// transform, whose world is that of a data set, +z.
-    fn up(&self, is_shaded: bool) -> Result<[f64; 3]> {
-        let node = self.document.nodes.iter().find(|node| node.mesh.is_some());
-        let Some(Node { rotation, scale, matrix, .. }) = node else { return Ok([0.0, 1.0, 0.0]) };
-        if matrix.is_some() {
-            return Err(self.broken(&"its node has a matrix; write rotation, translation and scale"));
-        }
-        let [x, y, z] = scale.unwrap_or([1.0; 3]);
-        if (x - y).abs().max((x - z).abs()) > UNIFORM * x.abs() {
-            return Err(self.broken(&"its node is scaled differently along its axes; scale the Gaussians"));
-        }
-        let is_of_data = is_shaded || self.document.asset.generator.starts_with("specula ");
-        let rotation = match rotation {
-            None if is_of_data => return Ok([0.0, 0.0, 1.0]),
-            None => DQuat::IDENTITY,
-            Some(rotation) => DQuat::from_array(*rotation),
-        };
-        let up = rotation.inverse() * DVec3::Y;
-        Ok(if up.is_finite() && up != DVec3::ZERO { up.normalize().to_array() } else { [0.0, 1.0, 0.0] })
-    }
-
-    fn gaussians(&self, primitive: &Primitive) -> Result<Gaussians<Vec<f32>>> {
+    /// Gaussians of a list, in the world of its attributes.
+    fn gaussians(&self, primitive: &Primitive, notes: &mut Vec<String>) -> Result<Gaussians<Vec<f32>>> {
+        let extension = &primitive.extensions[SPLATTING];
+        self.refuse_unknown(primitive, extension)?;
         let named = |name: &str| format!("{SPLATTING}:{name}");
         let needed = |name: &str, width: usize, count: Option<usize>| {
-            let found = self.attribute(primitive, name, width, count)?;
-            found.ok_or_else(|| {
-                self.broken(&format_args!("its Gaussians have no {name}; write them without another compression"))
-            })
+            self.attribute(primitive, name, width, count)?.ok_or_else(|| self.without(name, extension))
         };
         let means = needed("POSITION", 3, None)?;
         let count = means.len() / 3;
         let rotations = needed(&named("ROTATION"), 4, Some(count))?;
         let scales = needed(&named("SCALE"), 3, Some(count))?;
         let opacities = needed(&named("OPACITY"), 1, Some(count))?;
+        self.refuse_logits(&opacities)?;
         let harmonics = self.harmonics(primitive, SPLATTING, "SH", count)?;
         let Some(degree) = degree(harmonics.len()) else {
             return Err(self.broken(&format_args!("it has {} harmonics, of no degree", harmonics.len())));
         };
+        let are_logarithms = scales.iter().any(|scale| *scale < 0.0);
+        let log_scale = |scale: f32| if are_logarithms { scale } else { scale.max(SCALE_MIN as f32).ln() };
         let layout = Layout::radiance(degree);
         let mut gaussians = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
         for index in 0..count {
             let [x, y, z, w] = of::<4>(&rotations, index);
             gaussians.set(index, MEAN, of::<3>(&means, index));
-            gaussians.set(index, LOG_SCALE, of::<3>(&scales, index).map(|scale| scale.max(SCALE_MIN).ln()));
+            gaussians.set(index, LOG_SCALE, of::<3>(&scales, index).map(log_scale));
             gaussians.set(index, QUAT, [w, x, y, z]);
             gaussians.set(index, OPACITY, of::<1>(&opacities, index).map(logit));
             for (k, harmonic) in harmonics.iter().enumerate() {
                 gaussians.set(index, layout.sh_start() + 3 * k, of::<3>(harmonic, index));
             }
         }
+        let path = self.path;
+        if are_logarithms {
+            notes.push(format!("{path:?} has negative scales, read as logarithms, as in drafts of {SPLATTING}"));
+        }
+        if word(extension, "colorSpace") == Some(LINEAR) {
+            encode(&mut gaussians);
+            notes.push(format!("{path:?} has colours in {LINEAR}, encoded as sRGB for each Gaussian, and blended so"));
+        }
+        notes.extend(self.left_out_of(primitive, extension, harmonics.len()));
         Ok(gaussians)
+    }
+
+    /// Refuses a list that is shown otherwise than this program does.
+    fn refuse_unknown(&self, primitive: &Primitive, extension: &Value) -> Result<()> {
+        for (key, known) in KNOWN {
+            let found = extension.get(key).unwrap_or(&Value::Null);
+            if !found.is_null() && !found.as_str().is_some_and(|word| known.contains(&word)) {
+                let known = known.join(" or ");
+                return Err(self.broken(&format_args!("its {key} is {found}, and only {known} is known")));
+            }
+        }
+        if primitive.indices.is_some() {
+            return Err(self.broken(&"its Gaussians have indices; write each Gaussian once, without"));
+        }
+        Ok(())
+    }
+
+    /// Refuses opacities that are none. Converting them is not safe: no text of the extension has
+    /// logits, so that any number is as likely a fault.
+    fn refuse_logits(&self, opacities: &[f32]) -> Result<()> {
+        let range = -OPACITY_ROUNDING..=1.0 + OPACITY_ROUNDING;
+        match opacities.iter().find(|opacity| !opacity.is_nan() && !range.contains(opacity)) {
+            None => Ok(()),
+            Some(opacity) => Err(self.broken(&format_args!(
+                "its opacities are beyond 0 to 1 ({opacity}), as before their activation; write them activated"
+            ))),
+        }
+    }
+
+    /// Error on a list without an attribute.
+    fn without(&self, name: &str, extension: &Value) -> Error {
+        match self.unknown_extensions(extension).next() {
+            Some(other) => {
+                self.broken(&format_args!("its Gaussians are in {other}, which is not read; write them without"))
+            }
+            None => self.broken(&format_args!("its Gaussians have no {name}; write them without another compression")),
+        }
+    }
+
+    fn unknown_extensions<'v>(&self, extension: &'v Value) -> impl Iterator<Item = &'v String> {
+        let extensions = extension.get("extensions").and_then(Value::as_object);
+        extensions.into_iter().flat_map(|names| names.keys()).filter(|name| *name != SHADING)
+    }
+
+    /// Note on properties and attributes of a list that are not used.
+    fn left_out_of(&self, primitive: &Primitive, extension: &Value, harmonics: usize) -> Option<String> {
+        let is_known = |key: &&String| {
+            KNOWN.iter().any(|(known, _)| known == key) || ["extensions", "extras"].contains(&key.as_str())
+        };
+        let properties = extension.as_object().into_iter().flat_map(|properties| properties.keys());
+        let properties = properties.filter(|key| !is_known(key)).chain(self.unknown_extensions(extension));
+        let used: Vec<String> = (0..harmonics).map(|k| harmonic("SH", k)).collect();
+        let is_used =
+            |name: &str| ["ROTATION", "SCALE", "OPACITY"].contains(&name) || used.iter().any(|used| used == name);
+        let own = |name: &&String| {
+            name.strip_prefix(SPLATTING).and_then(|name| name.strip_prefix(':')).is_some_and(|name| !is_used(name))
+        };
+        let names: Vec<&str> =
+            properties.chain(primitive.attributes.keys().filter(own)).map(String::as_str).take(8).collect();
+        (!names.is_empty()).then(|| format!("{:?} has {} beside its Gaussians: left out", self.path, names.join(", ")))
     }
 
     /// Harmonics from the constant one on, as many as there are.
@@ -230,11 +232,12 @@ impl<'a> Opened<'a> {
         Ok(all)
     }
 
+    fn shading_properties<'p>(&self, primitive: &'p Primitive) -> Option<&'p Map<String, Value>> {
+        primitive.extensions.get(SPLATTING)?.get("extensions")?.get(SHADING)?.as_object()
+    }
+
     fn shading(&self, primitive: &Primitive, count: usize) -> Result<Option<Shading>> {
-        let extension = primitive.extensions.get(SPLATTING).and_then(|splatting| splatting.get("extensions"));
-        let Some(Value::Object(properties)) = extension.and_then(|extensions| extensions.get(SHADING)) else {
-            return Ok(None);
-        };
+        let Some(properties) = self.shading_properties(primitive) else { return Ok(None) };
         let mut properties = properties.clone();
         let light = properties.remove("light").map(|light| self.light(light)).transpose()?;
         let mut attributes = Vec::new();
@@ -256,59 +259,51 @@ impl<'a> Opened<'a> {
         let (bytes, _) = self.view(buffer_view).ok_or_else(|| self.broken(&"its light is not there"))?;
         latlong::cube_from(Input::memory("its light", bytes)).map_err(|error| self.broken(&error))
     }
+}
 
-    /// Bytes of a view, and the distance of its elements.
-    fn view(&self, index: usize) -> Option<(&'a [u8], Option<usize>)> {
-        let View { buffer, byte_offset, byte_length, byte_stride } = self.document.buffer_views.get(index)?;
-        let end = byte_offset.checked_add(*byte_length)?;
-        (*buffer == 0).then_some((self.binary.get(*byte_offset..end)?, *byte_stride))
-    }
+fn word<'v>(extension: &'v Value, key: &str) -> Option<&'v str> {
+    extension.get(key)?.as_str()
+}
 
-    /// Numbers of an attribute; none where the primitive has none of this name.
-    fn attribute(
-        &self,
-        primitive: &Primitive,
-        name: &str,
-        width: usize,
-        count: Option<usize>,
-    ) -> Result<Option<Vec<f32>>> {
-        let Some(index) = primitive.attributes.get(name) else { return Ok(None) };
-        let accessor = index.as_u64().and_then(|index| self.document.accessors.get(usize::try_from(index).ok()?));
-        let fits = |accessor: &&Accessor| {
-            let kinds = ["SCALAR", "VEC2", "VEC3", "VEC4"];
-            let is_counted = accessor.count <= COUNT_MAX && count.is_none_or(|count| accessor.count == count);
-            is_counted && accessor.kind == kinds[width - 1] && accessor.sparse.is_none()
-        };
-        let numbers = accessor.filter(fits).and_then(|accessor| self.numbers(accessor, width));
-        let fault = || self.broken(&format_args!("its {name} is cut short, or of a kind that is not read"));
-        numbers.map(Some).ok_or_else(fault)
-    }
-
-    fn numbers(&self, accessor: &Accessor, width: usize) -> Option<Vec<f32>> {
-        let (bytes, stride) = self.view(accessor.buffer_view?)?;
-        let bytes = bytes.get(accessor.byte_offset..)?;
-        // The numbers of a byte and of a short, as glTF scales them.
-        let scaled = |number: f32, largest: f32| {
-            if accessor.normalized { (number / largest).max(-1.0) } else { number }
-        };
-        let (size, number): (usize, &dyn Fn(&[u8]) -> Option<f32>) = match accessor.component_type {
-            5120 => (1, &|bytes| Some(scaled(f32::from(*bytes.first()? as i8), 127.0))),
-            5121 => (1, &|bytes| Some(scaled(f32::from(*bytes.first()?), 255.0))),
-            5122 => (2, &|bytes| Some(scaled(f32::from(i16::from_le_bytes(*bytes.first_chunk()?)), 32767.0))),
-            5123 => (2, &|bytes| Some(scaled(f32::from(u16::from_le_bytes(*bytes.first_chunk()?)), 65535.0))),
-            FLOAT => (4, &|bytes| Some(f32::from_le_bytes(*bytes.first_chunk()?))),
-            _ => return None,
-        };
-        let stride = stride.unwrap_or(size * width).max(size * width);
-        // The file bounds the memory: elements do not overlap.
-        let needed = stride.checked_mul(accessor.count.checked_sub(1)?)?.checked_add(size * width)?;
-        if needed > bytes.len() {
-            return None;
+/// Lists one after the other, with the harmonics of the largest degree.
+fn concatenated(lists: &[Gaussians<Vec<f32>>]) -> Gaussians<Vec<f32>> {
+    let count = lists.iter().map(|list| list.count).sum();
+    let layout = Layout::radiance(lists.iter().filter_map(|list| list.layout.sh_degree).max().unwrap_or(0));
+    let mut all = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
+    let mut next = 0;
+    for list in lists {
+        for index in 0..list.count {
+            // Planes of harmonics come last, so that fewer of them are the first of more.
+            (0..list.layout.plane_count()).for_each(|plane| all.set(next, plane, list.get::<1>(index, plane)));
+            next += 1;
         }
-        (0..accessor.count)
-            .flat_map(|index| (0..width).map(move |k| stride * index + size * k))
-            .map(|at| number(&bytes[at..]))
-            .collect()
+    }
+    all
+}
+
+/// Encodes linear colours of harmonics as sRGB: by least squares over directions all around, which
+/// is exact for colours that are the same in all of them.
+fn encode(gaussians: &mut Gaussians<Vec<f32>>) {
+    let (start, count) = (gaussians.layout.sh_start(), gaussians.layout.sh_count());
+    let around = directions(DIRECTION_COUNT).map(|direction| sh_fit::harmonics(direction.map(|x| x as f32), count));
+    let around: Vec<Harmonics> = around.collect();
+    let mut fit = Fit::new(count);
+    around.iter().for_each(|harmonics| fit.add_direction(harmonics, 1.0));
+    let encoded = |index: usize| {
+        let linear: Vec<[f32; 3]> = (0..count).map(|k| gaussians.get(index, start + 3 * k)).collect();
+        let mut fit = fit.without_colors(1.0);
+        for harmonics in &around {
+            let color = |c: usize| 0.5 + linear.iter().zip(harmonics).map(|(l, y)| f64::from(l[c]) * y).sum::<f64>();
+            fit.add_color(harmonics, [0, 1, 2].map(|c| srgb_from_linear(color(c).max(0.0) as f32)), 1.0);
+        }
+        fit.solve()
+    };
+    let encoded: Vec<_> = (0..gaussians.count).into_par_iter().map(encoded).collect();
+    for (index, harmonics) in encoded.into_iter().enumerate() {
+        // Numbers that are not finite stay, and are refused.
+        for (k, harmonic) in harmonics.iter().flatten().take(count).enumerate() {
+            gaussians.set(index, start + 3 * k, *harmonic);
+        }
     }
 }
 
@@ -328,14 +323,11 @@ pub const fn degree(count: usize) -> Option<u8> {
     }
 }
 
-fn broken(path: &Path, cause: &dyn Display) -> Error {
-    Error::Glb { path: path.to_owned(), cause: cause.to_string() }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::{Placement, write, write_chunks};
+    use super::super::{FLOAT, Placement, write, write_chunks};
     use super::*;
+    use glam::DVec3;
     use serde_json::json;
 
     /// Rounding of exp, ln, sigmoid and logit, one after the other.
@@ -420,8 +412,9 @@ mod tests {
 
     #[test]
     fn files_of_other_programs_are_read() {
-        let GlbScene { gaussians, shading, up } = read(Input::memory("a.glb", &foreign(|_| ()))).unwrap();
+        let GlbScene { gaussians, shading, up, notes } = read(Input::memory("a.glb", &foreign(|_| ()))).unwrap();
         assert_eq!((shading, up, gaussians.layout), (None, [0.0, 1.0, 0.0], Layout::radiance(0)));
+        assert_eq!(notes, [""; 0]);
         assert_eq!(gaussians.get::<3>(1, MEAN), [3.0, 4.0, 5.0]);
         assert_eq!([0, 1].map(|index| gaussians.get::<4>(index, QUAT)), [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]]);
         for (index, opacity) in [(0, 0.2_f32), (1, 0.8)] {
@@ -440,19 +433,12 @@ mod tests {
         let set = |pointer: &'static str, value: Value| {
             foreign(move |json| *json.pointer_mut(pointer).unwrap_or_else(|| panic!("{pointer}")) = value)
         };
-        let primitive = "/meshes/0/primitives/0";
         assert!(refused(&set("/meshes/0/primitives", json!([]))).contains("no Gaussians"));
         assert!(refused(&set("/meshes/0/primitives/0/attributes", json!({"POSITION": 0}))).contains("no KHR"));
         assert!(refused(&set("/accessors/2/count", json!(3))).contains("ROTATION"));
         assert!(refused(&set("/accessors/0/count", json!(99_999_999_999_u64))).contains("POSITION"));
         assert!(refused(&set("/accessors/0/componentType", json!(5125))).contains("POSITION"));
         assert!(refused(&set("/bufferViews/1/byteOffset", json!(u64::MAX))).contains("SCALE"));
-        assert!(refused(&set("/nodes/0", json!({"mesh": 0, "scale": [1, 2, 1]}))).contains("scaled differently"));
-        assert!(refused(&set("/nodes/0", json!({"mesh": 0, "matrix": vec![0; 16]}))).contains("matrix"));
-        let two = foreign(|json| {
-            let one = json.pointer(primitive).cloned().unwrap();
-            json["meshes"][0]["primitives"] = json!([one.clone(), one]);
-        });
-        assert!(refused(&two).contains("several lists"));
+        assert!(refused(&set("/nodes/0", json!({"mesh": 0, "matrix": vec![0; 16]}))).contains("no inverse"));
     }
 }

@@ -1,10 +1,20 @@
 //! Light: files, what is no radiance in them, and the way from lat-long maps to cubes and back.
 
 use core::f64::consts::PI;
+use exr::{
+    meta::attribute::Chromaticities,
+    prelude::{
+        AnyChannel, AnyChannels, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer, LayerAttributes,
+        Vec2, WritableImage, f16,
+    },
+};
 use image::{ExtendedColorType, ImageEncoder, Rgb, RgbImage, codecs::openexr::OpenExrEncoder};
 use specula_core::cubemap::{texel_direction, texel_index, texel_solid_angle};
-use specula_io::latlong::{self, Cleaned, LatLong, UpAxis};
-use std::{fs, path::Path};
+use specula_io::{
+    Input,
+    latlong::{self, Cleaned, LatLong, UpAxis},
+};
+use std::{fs, io::Cursor, path::Path};
 
 const AXES: [UpAxis; 2] = [UpAxis::Z, UpAxis::Y];
 
@@ -285,5 +295,142 @@ fn a_light_turned_about_an_axis_comes_from_turned_directions() {
         for (found, expected) in texel.iter().zip(smooth([y, -x, z])) {
             assert_near(*found, expected, 1e-2, "what came from (y, −x, z) comes from (x, y, z)");
         }
+    }
+}
+
+/// Bytes of an OpenEXR file of 2 by 1 pixels with channels of these names and kinds, whose numbers
+/// are 1, 2, 3 … from channel to channel, and 8 in the second pixel.
+fn exr_of(layers: &[(&str, &[&str])], samples: fn(Vec<f32>) -> FlatSamples) -> Vec<u8> {
+    let mut number = 0.0;
+    let layer = |(part, names): &(&str, &[&str])| {
+        let channels = names.iter().map(|name| {
+            number += 1.0;
+            AnyChannel::new(*name, samples(vec![number, 8.0]))
+        });
+        let channels = AnyChannels::sort(channels.collect());
+        Layer::new((2, 1), LayerAttributes::named(*part), Encoding::SMALL_LOSSLESS, channels)
+    };
+    let layers: Vec<_> = layers.iter().map(layer).collect();
+    let mut bytes = Cursor::new(Vec::new());
+    Image::from_layers(ImageAttributes::new(IntegerBounds::from_dimensions((2, 1))), layers)
+        .write()
+        .to_buffered(&mut bytes)
+        .unwrap();
+    bytes.into_inner()
+}
+
+#[test]
+fn colours_of_openexr_are_found_by_the_names_of_channels() {
+    let float: fn(Vec<f32>) -> FlatSamples = FlatSamples::F32;
+    let half: fn(Vec<f32>) -> FlatSamples = |n| FlatSamples::F16(n.into_iter().map(f16::from_f32).collect());
+    let whole: fn(Vec<f32>) -> FlatSamples = |n| FlatSamples::U32(n.into_iter().map(|x| x as u32).collect());
+    let blender: &[&str] = &["V.Depth.Z", "V.Combined.R", "V.Combined.G", "V.Combined.B", "V.Combined.A", "V.Mist.Z"];
+    for (layers, samples, expected, is_noted) in [
+        (&[("", &["R", "G", "B"][..])][..], float, [1.0, 2.0, 3.0], false),
+        (&[("", &["r", "g", "b", "a"])], half, [1.0, 2.0, 3.0], false),
+        (&[("", &["red", "Green", "BLUE"])], whole, [1.0, 2.0, 3.0], false),
+        (&[("", &["Y"])], float, [1.0; 3], false),
+        (&[("", &["y", "A"])], half, [1.0; 3], false),
+        (&[("", blender)], half, [2.0, 3.0, 4.0], false),
+        (
+            &[("", &["Diffuse.R", "Diffuse.G", "Diffuse.B", "V.Combined.R", "V.Combined.G", "V.Combined.B"])],
+            float,
+            [4.0, 5.0, 6.0],
+            true,
+        ),
+        (&[("", &["Mask.Y", "Sky.R", "Sky.G", "Sky.B"])], float, [2.0, 3.0, 4.0], true),
+        (&[("depth", &["Z"]), ("rgba", &["R", "G", "B"])], float, [2.0, 3.0, 4.0], false),
+        (&[("one", &["R", "G", "B"]), ("two", &["R", "G", "B"])], half, [1.0, 2.0, 3.0], true),
+    ] {
+        let bytes = exr_of(layers, samples);
+        let input = Input::memory("a.exr", &bytes);
+        let (map, _) = latlong::read_from(input).unwrap();
+        assert_eq!((latlong::size(input).unwrap(), &map.rgb[3..]), ([2, 1], &[8.0; 3][..]), "{layers:?}");
+        assert_eq!(map.rgb[..3], expected, "{layers:?}");
+        assert_eq!(!latlong::notes(input).unwrap().is_empty(), is_noted, "{layers:?}");
+    }
+    for (names, words) in [(&["Z"][..], "the channels Z"), (&["X", "Y", "Z"], "X, Y, Z"), (&["R", "G"], "G, R")] {
+        let sentence =
+            latlong::read_from(Input::memory("a.exr", &exr_of(&[("", names)], float))).unwrap_err().to_string();
+        assert!(sentence.contains(words), "{sentence}");
+    }
+}
+
+#[test]
+fn other_primaries_of_openexr_are_noted() {
+    let channels = AnyChannels::sort(
+        ["R", "G", "B"].map(|name| AnyChannel::new(name, FlatSamples::F32(vec![1.0]))).into_iter().collect(),
+    );
+    let layer = Layer::new((1, 1), LayerAttributes::default(), Encoding::SMALL_LOSSLESS, channels);
+    let mut image = Image::from_layer(layer);
+    let xy = |x, y| Vec2(x, y);
+    for (red, is_noted) in [(xy(0.64, 0.33), false), (xy(0.713, 0.293), true)] {
+        let (green, blue, white) = (xy(0.3, 0.6), xy(0.15, 0.06), xy(0.3127, 0.329));
+        image.attributes.chromaticities = Some(Chromaticities { red, green, blue, white });
+        let mut bytes = Cursor::new(Vec::new());
+        image.write().to_buffered(&mut bytes).unwrap();
+        let notes = latlong::notes(Input::memory("a.exr", &bytes.into_inner())).unwrap();
+        assert_eq!(notes.concat().contains("primaries"), is_noted, "{notes:?}");
+    }
+}
+
+/// Bytes of a `.hdr` of scan lines of RGBE.
+fn hdr_of(head: &str, size: &str, pixels: &[[u8; 4]]) -> Vec<u8> {
+    [format!("#?RADIANCE\n{head}\n\n{size}\n").as_bytes(), pixels.as_flattened()].concat()
+}
+
+#[test]
+fn radiance_of_every_orientation_is_upright() {
+    // Red counts columns from the left, green rows from the top, in a picture of 3 by 2.
+    let pixel = |x: usize, y: usize| [10 * x as u8, 10 * y as u8, 7, 136];
+    for size in ["-Y 2 +X 3", "-Y 2 -X 3", "+Y 2 +X 3", "+Y 2 -X 3", "+X 3 -Y 2", "-X 3 -Y 2", "+X 3 +Y 2", "-X 3 +Y 2"]
+    {
+        let axes: Vec<&str> = size.split(' ').collect();
+        let along = |axis: &str, count: usize| -> Vec<usize> {
+            let is_back = ["+Y", "-X"].contains(&axis);
+            if is_back { (0..count).rev().collect() } else { (0..count).collect() }
+        };
+        let (lines, row) = (along(axes[0], axes[1].parse().unwrap()), along(axes[2], axes[3].parse().unwrap()));
+        let pixels = lines.iter().flat_map(|line| row.iter().map(move |place| (*line, *place)));
+        let stored: Vec<[u8; 4]> = pixels
+            .map(|(line, place)| if size.contains("X 3 ") { pixel(line, place) } else { pixel(place, line) })
+            .collect();
+        let bytes = hdr_of("FORMAT=32-bit_rle_rgbe", size, &stored);
+        let input = Input::memory("a.hdr", &bytes);
+        let (map, _) = latlong::read_from(input).unwrap();
+        assert_eq!((map.width, map.height, latlong::size(input).unwrap()), (3, 2, [3, 2]), "{size}");
+        for (k, rgb) in map.rgb.chunks(3).enumerate() {
+            assert_eq!(rgb, [10.0 * (k % 3) as f32, 10.0 * (k / 3) as f32, 7.0], "{size}, pixel {k}");
+        }
+    }
+    for size in ["", "-Y 2", "-Y 2 +Y 3", "-Y two +X 3", "2 3 4 5"] {
+        let sentence = latlong::read_from(Input::memory("a.hdr", &hdr_of("", size, &[]))).unwrap_err().to_string();
+        assert!(sentence.contains("a.hdr") && sentence.contains("-Y 512 +X 1024"), "{sentence}");
+    }
+}
+
+#[test]
+fn radiance_in_xyz_becomes_red_green_and_blue() {
+    // White, and Radiance's red (x 0.64, y 0.33).
+    let bytes = hdr_of("FORMAT=32-bit_rle_xyze", "-Y 1 +X 2", &[[200, 200, 200, 136], [192, 99, 9, 136]]);
+    let (map, _) = latlong::read_from(Input::memory("a.hdr", &bytes)).unwrap();
+    map.rgb[..3].iter().for_each(|channel| assert_near(*channel, 200.0, 1e-3, "white"));
+    assert!(map.rgb[3] > 300.0 && map.rgb[4..].iter().all(|channel| *channel < 1e-3), "{:?}", map.rgb);
+    let other = hdr_of("FORMAT=32-bit_rle_luv", "-Y 1 +X 1", &[[1; 4]]);
+    let sentence = latlong::read_from(Input::memory("a.hdr", &other)).unwrap_err().to_string();
+    assert!(sentence.contains("32-bit_rle_luv"), "{sentence}");
+}
+
+#[test]
+fn factors_of_a_radiance_header_are_noted() {
+    for (head, is_noted) in [
+        ("EXPOSURE=1.0000000000000\nPRIMARIES=0.64 0.33 0.29 0.6 0.15 0.06 0.3333 0.3333\nSOFTWARE=x", false),
+        ("EXPOSURE=2.5", true),
+        ("COLORCORR=1 1 0.9", true),
+        ("PRIMARIES=0.713 0.293 0.165 0.83 0.128 0.044 0.3217 0.3377", true),
+    ] {
+        let bytes = hdr_of(head, "-Y 1 +X 1", &[[1; 4]]);
+        let notes = latlong::notes(Input::memory("a.hdr", &bytes)).unwrap();
+        assert_eq!(!notes.is_empty(), is_noted, "{notes:?}");
     }
 }

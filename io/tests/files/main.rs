@@ -3,6 +3,7 @@
 
 mod checkpoint;
 mod dataset;
+mod gltf;
 mod ktx;
 mod light;
 mod model_folder;

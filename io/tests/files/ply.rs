@@ -1,6 +1,8 @@
 //! Gaussians and points as PLY files: every layout and encoding, and how what is broken is refused.
 
-use specula_core::scene::{DIFFUSE, Gaussians, Layout, NORMAL_RESIDUAL_1, QUAT, ROUGHNESS, TINT, len_of_values};
+use specula_core::scene::{
+    DIFFUSE, Gaussians, LOG_SCALE, Layout, NORMAL_RESIDUAL_1, OPACITY, QUAT, ROUGHNESS, TINT, len_of_values,
+};
 use specula_io::{
     gaussian_ply::{self, GaussianFile},
     points_ply::{self, PointCloud},
@@ -110,7 +112,7 @@ fn every_layout_survives_a_round_trip() {
         let gaussians = gaussians(layout, count);
         let (_folder, path) = written(&gaussians);
         let read = gaussian_ply::read(&path).unwrap();
-        assert_eq!(read, GaussianFile { gaussians, comments: vec!["made by a test".to_owned()] });
+        assert_eq!(read, GaussianFile { gaussians, comments: vec!["made by a test".to_owned()], notes: vec![] });
     }
 }
 
@@ -244,6 +246,120 @@ fn numbers_that_are_not_finite_are_refused_by_place_and_count() {
     broken.set(7, TINT, [f32::NEG_INFINITY]);
     let (_folder, path) = written(&broken);
     assert_says(&refusal(&path), &["3 numbers", "a.ply", "vertex 7", "\"f_dc_1\""]);
+}
+
+/// A file with other names of its columns, of as many bytes in each row.
+fn renamed(path: &Path, names: &[(&str, &str)]) {
+    let bytes = fs::read(path).unwrap();
+    let end = bytes.windows(11).position(|window| window == b"end_header\n").unwrap();
+    let mut header = String::from_utf8(bytes[..end].to_vec()).unwrap();
+    for (from, to) in names {
+        header = header.replacen(&format!("property float {from}\n"), to, 1);
+    }
+    fs::write(path, [header.as_bytes(), &bytes[end..]].concat()).unwrap();
+}
+
+#[test]
+fn layouts_of_baselines_are_shown_by_their_harmonics_and_other_columns_are_noted() {
+    let written_first = gaussians(Layout::radiance(3), 20);
+    // Columns in place of normals, which plain Gaussians may lack.
+    for names in [
+        ["roughness", "metallic", "base_color_0"],
+        ["metallic", "refl_strength", "ambient_0"],
+        ["specular0", "roughness", "incidents_dc_0"],
+    ] {
+        let (_folder, path) = written(&written_first);
+        let columns = names.map(|name| format!("property float {name}\n"));
+        renamed(&path, &[("nx", &columns[0]), ("ny", &columns[1]), ("nz", &columns[2])]);
+        let read = gaussian_ply::read(&path).unwrap();
+        assert_eq!(read.gaussians, written_first, "{names:?}");
+        assert_says(&read.notes.concat(), &names);
+    }
+    let shaded = gaussians(Layout::shaded(Some(3)), 20);
+    let (_folder, path) = written(&shaded);
+    renamed(&path, &[("f_rest_47", "property float f_rest_47\n")]);
+    let read = gaussian_ply::read(&path).unwrap();
+    assert_eq!((read.gaussians, read.notes), (shaded, vec![]), "GaussianShader's own layout");
+}
+
+#[test]
+fn gaussians_with_two_scales_are_flat() {
+    let solid = gaussians(Layout::radiance(1), 20);
+    for encoding in ["ascii", "binary_little_endian", "binary_big_endian"] {
+        let (_folder, path) = written(&solid);
+        fs::write(&path, translated(&path, encoding)).unwrap();
+        let text = fs::read(&path).unwrap();
+        let at = text.windows(7).position(|window| window == b"scale_2").unwrap();
+        fs::write(&path, [&text[..at], b"unknown", &text[at + 7..]].concat()).unwrap();
+        let read = gaussian_ply::read(&path).unwrap();
+        for index in 0..20 {
+            let [one, other, third] = read.gaussians.get::<3>(index, LOG_SCALE);
+            assert_eq!([one, other], solid.get::<2>(index, LOG_SCALE), "{encoding}");
+            assert!((third - one.min(other) + 1000_f32.ln()).abs() < 1e-5, "{encoding}: {third}");
+        }
+        assert_says(&read.notes.concat(), &["two scales", "unknown", "flag"]);
+    }
+}
+
+#[test]
+fn infinities_with_a_meaning_are_read_as_it_says() {
+    let mut known = gaussians(Layout::radiance(0), 20);
+    known.set(3, OPACITY, [f32::INFINITY]);
+    known.set(17, OPACITY, [f32::NEG_INFINITY]);
+    known.set(5, LOG_SCALE, [-2.0, f32::NEG_INFINITY, -4.0]);
+    known.set(6, LOG_SCALE, [f32::NEG_INFINITY; 3]);
+    let (_folder, path) = written(&known);
+    let GaussianFile { gaussians: read, notes, .. } = gaussian_ply::read(&path).unwrap();
+    assert!(read.get::<1>(3, OPACITY)[0] > 15.0 && read.get::<1>(17, OPACITY)[0] < -15.0);
+    let [one, flat, other] = read.get::<3>(5, LOG_SCALE);
+    assert!([one, other] == [-2.0, -4.0] && (-12.0..-10.0).contains(&flat), "{flat}");
+    assert!(read.get::<3>(6, LOG_SCALE)[0] < -20.0);
+    assert_says(&notes.concat(), &["2 infinite opacities", "2 Gaussians"]);
+    for (plane, number) in [(LOG_SCALE, f32::INFINITY), (OPACITY, f32::NAN), (QUAT, f32::NEG_INFINITY)] {
+        let mut broken = known.clone();
+        broken.set(9, plane, [number]);
+        let (_folder, path) = written(&broken);
+        assert_says(&refusal(&path), &["1 numbers", "vertex 9"]);
+    }
+}
+
+#[test]
+fn names_that_stand_twice_are_refused() {
+    let (_folder, path) = written(&gaussians(Layout::radiance(0), 3));
+    renamed(&path, &[("nx", "property float opacity\n")]);
+    assert_says(&refusal(&path), &["a.ply", "\"vertex opacity\" twice"]);
+    let (_folder, path) = write(behind("element vertex 1\nproperty float x\n", &[0; 4]));
+    assert_says(&points_ply::read(&path).unwrap_err().to_string(), &["\"vertex\" twice"]);
+}
+
+#[test]
+fn files_of_known_kinds_are_named() {
+    let xyz = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n";
+    let points = format!("{xyz}property uchar red\nend_header\n1 2 3 4\n");
+    let mesh = format!("{xyz}element face 1\nproperty list uchar int vertex_indices\nend_header\n1 2 3\n1 0\n");
+    let folder = tempfile::tempdir().unwrap();
+    for (name, contents, words) in [
+        ("a.ply", points.as_bytes(), ["point cloud", "--points"]),
+        ("a.ply", mesh.as_bytes(), ["mesh", "training"]),
+        ("a.ply", b"version https://git-lfs.github.com/spec/v1\n", ["Git LFS", "git lfs pull"]),
+        ("a.ply", b"<!DOCTYPE html>", ["web page", "again"]),
+        ("a.ply", b"\x1f\x8b\x08\0", ["archive", "unpack"]),
+        ("a.SPZ", b"\x1f\x8b\x08\0", [".spz", "splat-transform"]),
+        ("a.splat", &[0; 32], [".splat", "SuperSplat"]),
+        ("a.ksplat", &[0; 32], [".ksplat", "SuperSplat"]),
+        ("a.sog", b"PK\x03\x04", [".sog", "SuperSplat"]),
+        ("a.lcc", b"{}", [".lcc", "SuperSplat"]),
+        ("a.usdz", b"PK\x03\x04", ["USD", "SuperSplat"]),
+        ("a.stl", b"solid", ["mesh", "training"]),
+        ("a", b"v 1 2 3\n", ["PLY", "ply"]),
+        ("chkpnt30000.pth", b"PK\x03\x04", ["checkpoint", "point_cloud.ply"]),
+        ("a.bin", b"\x89PNG\r\n", ["picture", "no scene"]),
+        ("a.las", b"LASF", ["point cloud", "--points"]),
+    ] {
+        let path = folder.path().join(name);
+        fs::write(&path, contents).unwrap();
+        assert_says(&refusal(&path), &words);
+    }
 }
 
 #[test]

@@ -1,0 +1,123 @@
+//! Kinds of files that are no scene of Gaussians that can be read, and what to do with them.
+
+use crate::{
+    error::{Error, Result},
+    input::Input,
+    latlong::{ending, start_of},
+};
+use std::path::Path;
+
+/// A kind of file, by the endings of its names or the first bytes of its contents.
+struct Kind {
+    name: &'static str,
+    remedy: &'static str,
+    endings: &'static [&'static str],
+    starts: &'static [&'static [u8]],
+}
+
+/// Remedy for Gaussians in formats of other viewers.
+const CONVERT: &str = "convert it to a PLY file in the plain layout of 3D Gaussian splatting, with splat-transform or \
+                       SuperSplat";
+/// Remedy for pictures.
+const NO_SCENE: &str = "open a model folder, a PLY or a .glb file of Gaussians, and name lights with --env";
+/// Remedy for meshes.
+const NO_MESH: &str = "open Gaussians, which a training makes from renders of it";
+/// Remedy for points.
+const POINTS: &str = "open Gaussians; points can be what a training starts from (--points, as a PLY file)";
+
+/// Endings count before contents, which archives share.
+const KINDS: &[Kind] = &[
+    Kind { name: "a .spz file of Gaussians", remedy: CONVERT, endings: &["spz"], starts: &[b"NGSP"] },
+    Kind { name: "a .splat file of Gaussians", remedy: CONVERT, endings: &["splat"], starts: &[] },
+    Kind { name: "a .ksplat file of Gaussians", remedy: CONVERT, endings: &["ksplat"], starts: &[] },
+    Kind { name: "a .sog file of Gaussians", remedy: CONVERT, endings: &["sog"], starts: &[] },
+    Kind { name: "an .lcc file of Gaussians", remedy: CONVERT, endings: &["lcc"], starts: &[] },
+    Kind {
+        name: "a USD stage",
+        remedy: CONVERT,
+        endings: &["usd", "usda", "usdc", "usdz"],
+        starts: &[b"PXR-USDC", b"#usda"],
+    },
+    Kind {
+        name: "a glTF file",
+        remedy: "open it as a scene; here a PLY file is expected",
+        endings: &["glb", "gltf"],
+        starts: &[b"glTF"],
+    },
+    Kind {
+        name: "a mesh",
+        remedy: NO_MESH,
+        endings: &["obj", "stl", "fbx", "off", "dae", "3ds", "blend"],
+        starts: &[b"Kaydara FBX", b"BLENDER"],
+    },
+    Kind {
+        name: "a point cloud",
+        remedy: POINTS,
+        endings: &["las", "laz", "e57", "pcd", "xyz", "pts"],
+        starts: &[b"LASF", b"ASTM-E57", b"# .PCD"],
+    },
+    Kind {
+        name: "a checkpoint of a training",
+        remedy: "open the folder of the model, or the point_cloud.ply that was saved with it",
+        endings: &["safetensors", "pth", "pt", "ckpt"],
+        starts: &[],
+    },
+    Kind {
+        name: "a list of cameras or settings",
+        remedy: "open the folder of the model that it belongs to",
+        endings: &["json", "toml"],
+        starts: &[],
+    },
+    Kind {
+        name: "a light or a picture and no scene",
+        remedy: NO_SCENE,
+        endings: &["hdr", "exr", "ktx2", "png", "jpg", "jpeg", "webp", "gif", "tif", "tiff"],
+        starts: &[b"#?", b"\x76\x2f\x31\x01", b"\xabKTX", b"\x89PNG", b"\xff\xd8\xff", b"RIFF", b"GIF8"],
+    },
+    Kind {
+        name: "a web page",
+        remedy: "open it in a browser, or download the file again if it should be a scene",
+        endings: &["html", "htm"],
+        starts: &[b"<!DOCTYPE", b"<!doctype", b"<html"],
+    },
+    Kind {
+        name: "a pointer of Git LFS, without the contents",
+        remedy: "fetch them with `git lfs pull`",
+        endings: &[],
+        starts: &[b"version https://git-lfs"],
+    },
+    Kind {
+        name: "an archive",
+        remedy: "unpack it first",
+        endings: &["zip", "gz", "tar", "7z"],
+        starts: &[b"PK\x03\x04", b"\x1f\x8b"],
+    },
+];
+
+/// Refuses a file of a kind that is known, by its name or contents.
+///
+/// # Errors
+///
+/// [`Error::OtherKind`] for one of these kinds, [`Error::Read`].
+pub(crate) fn refuse(input: Input<'_>) -> Result<()> {
+    let start = start_of(input)?;
+    let ending = ending(input.path()).unwrap_or_default();
+    let has_ending = |kind: &&Kind| kind.endings.contains(&ending.as_str());
+    let has_start = |kind: &&Kind| kind.starts.iter().any(|known| start.starts_with(known));
+    let found = KINDS.iter().find(has_ending).or_else(|| KINDS.iter().find(has_start));
+    found.map_or(Ok(()), |Kind { name, remedy, .. }| Err(other(input.path(), name, remedy)))
+}
+
+/// Error of PlayCanvas's layout, which packs position, rotation, scale and colour into integers.
+pub(crate) fn compressed_ply(path: &Path) -> Error {
+    other(path, "a compressed PLY of PlayCanvas", CONVERT)
+}
+
+/// Error of a PLY file with vertices that are no Gaussians.
+pub(crate) fn points_or_mesh(path: &Path, has_faces: bool) -> Error {
+    if has_faces { other(path, "a mesh", NO_MESH) } else { other(path, "a point cloud", POINTS) }
+}
+
+fn other(path: &Path, kind: &'static str, remedy: &'static str) -> Error {
+    Error::OtherKind { path: path.to_owned(), kind, remedy }
+}
