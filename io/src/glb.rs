@@ -11,7 +11,7 @@ mod read;
 
 use crate::{
     error::{Error, Result},
-    latlong,
+    latlong, origin,
     splat::unit,
     whole_file,
 };
@@ -71,7 +71,8 @@ pub struct Placement {
     pub scale: f64,
 }
 
-/// Writes plain Gaussians with optional shading attributes and an optional transform of their node.
+/// Writes plain Gaussians with optional shading attributes and an optional transform of their node,
+/// which names the origin of their positions if that is not zero.
 ///
 /// # Errors
 ///
@@ -81,6 +82,7 @@ pub fn write(
     gaussians: &Gaussians<Vec<f32>>,
     shading: Option<&Shading>,
     placement: Option<Placement>,
+    origin: [f64; 3],
 ) -> Result<()> {
     let mut file = File::default();
     let mut attributes = Map::new();
@@ -106,6 +108,9 @@ pub fn write(
         node["rotation"] = json!(rotation);
         node["translation"] = json!(translation);
         node["scale"] = json!([scale, scale, scale]);
+    }
+    if !origin::is_zero(&origin) {
+        node["extras"] = json!({"origin": origin});
     }
     let json = json!({
         "asset": {"version": "2.0", "generator": concat!("specula ", env!("CARGO_PKG_VERSION"))},

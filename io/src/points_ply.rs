@@ -1,6 +1,7 @@
 //! Coloured points as PLY files: initial points of a training.
 
 use crate::{error::Result, named::Files, table::Table, whole_file};
+use specula_core::sh::Y0;
 use std::{
     io::Write,
     path::{Path, PathBuf},
@@ -12,9 +13,10 @@ const PLACES: [&str; 3] = ["points3d.ply", "sparse/0/points3d.ply", "sparse/poin
 /// Names of colours.
 const COLORS: [[&str; 3]; 3] =
     [["red", "green", "blue"], ["r", "g", "b"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
-/// Names of the mean colours of Gaussians, and their factor.
+/// Names of the mean colours of Gaussians, as harmonics.
 const HARMONICS: [&str; 3] = ["f_dc_0", "f_dc_1", "f_dc_2"];
-const SH_0: f32 = 0.282_094_8;
+/// Resolution of positions, relative to the size of the cloud, from which it is noted.
+const COARSE: f64 = 1e-4;
 /// Colour of points without colours, as in 3D Gaussian splatting.
 const GRAY: [f32; 3] = [0.5; 3];
 
@@ -53,7 +55,7 @@ pub fn read(path: &Path) -> Result<PointCloud> {
     read_noting(path, &mut Vec::new())
 }
 
-/// Reads points, and notes the lack of colours.
+/// Reads points, and notes the lack of colours, and of digits of positions.
 pub(crate) fn read_noting(path: &Path, notes: &mut Vec<String>) -> Result<PointCloud> {
     let table = Table::open(path)?;
     let count = table.count();
@@ -65,21 +67,40 @@ pub(crate) fn read_noting(path: &Path, notes: &mut Vec<String>) -> Result<PointC
         .map(|name| column(name).unwrap_or_else(|| (*name).to_owned()))
         .collect();
     let declared = colors.map_or(1.0, |_| table.full_scale(&names[3]));
-    let columns = table.read(&names, LAYOUT)?;
-    let stored = |row: usize| columns.get::<3>(row, 3);
+    let is_single = table.is_single(&names[0]);
+    let columns = table.read::<f64>(&names, LAYOUT)?;
+    let stored = |row: usize| columns.get::<3>(row, 3).map(|channel| channel as f32);
     let colors = match colors {
         None => {
             notes.push(format!("{path:?} has no colours that are known (red, green, blue), so its points are grey"));
             vec![GRAY; count]
         }
-        Some(HARMONICS) => (0..count).map(|row| stored(row).map(|dc| (0.5 + SH_0 * dc).clamp(0.0, 1.0))).collect(),
+        Some(HARMONICS) => (0..count).map(|row| stored(row).map(|dc| (0.5 + Y0 * dc).clamp(0.0, 1.0))).collect(),
         Some(_) => {
             let full_scale = full_scale(declared, (0..count).flat_map(stored).fold(0.0, f32::max));
             (0..count).map(|row| stored(row).map(|channel| channel / full_scale)).collect()
         }
     };
-    let positions = (0..count).map(|row| columns.get(row, 0).map(f64::from)).collect();
+    let positions: Vec<[f64; 3]> = (0..count).map(|row| columns.get(row, 0)).collect();
+    if let Some(step) = resolution(&positions).filter(|_| is_single) {
+        notes.push(format!(
+            "{path:?} has positions in steps of {step}, as 32-bit numbers far from 0 0 0 are; write them as double, or nearer"
+        ));
+    }
     Ok(PointCloud { positions, colors })
+}
+
+/// Step between neighbouring 32-bit numbers at points, if it is coarse beside the size of the cloud.
+fn resolution(positions: &[[f64; 3]]) -> Option<f32> {
+    let along = |axis: usize| positions.iter().map(move |position| position[axis]);
+    let [mut most, mut size] = [0.0_f64; 2];
+    for axis in 0..3 {
+        let (low, high) = (along(axis).fold(f64::INFINITY, f64::min), along(axis).fold(f64::NEG_INFINITY, f64::max));
+        (most, size) = (most.max(low.abs()).max(high.abs()), size.max(high - low));
+    }
+    let most = most as f32;
+    let step = most.next_up() - most;
+    (f64::from(step) > COARSE * size && size > 0.0).then_some(step)
 }
 
 /// Number that stands for 1, by that of the columns' type, 1 for fractions, and by the largest of

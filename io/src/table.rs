@@ -7,7 +7,7 @@ use crate::{
     kinds,
     latlong::start_of,
 };
-use core::fmt::Display;
+use core::{fmt::Display, str::FromStr};
 use ply_rs_bw::{
     parser::{Parser, Reader},
     ply::{DefaultElement, ElementDef, Encoding, Header, PropertyType, ScalarType},
@@ -48,21 +48,47 @@ struct Cell {
 
 /// Columns in blocks, the layout of [`specula_core::scene::Gaussians`]: a block holds [`BLOCK`]
 /// rows, column after column.
-pub(crate) struct Columns {
+pub(crate) struct Columns<T = f32> {
     names: Vec<String>,
     count: usize,
     /// Blocks; the last one is padded with zeros.
-    pub(crate) values: Vec<f32>,
+    pub(crate) values: Vec<T>,
 }
 
-impl Columns {
+/// Number of a column.
+pub(crate) trait Number: Copy + Default + FromStr {
+    /// The nearest number.
+    fn nearest(number: f64) -> Self;
+    /// Returns whether it is finite as an `f32`.
+    fn is_finite(self) -> bool;
+}
+
+impl Number for f32 {
+    fn nearest(number: f64) -> Self {
+        number as Self
+    }
+    fn is_finite(self) -> bool {
+        self.is_finite()
+    }
+}
+
+impl Number for f64 {
+    fn nearest(number: f64) -> Self {
+        number
+    }
+    fn is_finite(self) -> bool {
+        (self as f32).is_finite()
+    }
+}
+
+impl<T: Number> Columns<T> {
     /// `N` neighbouring columns of one row.
-    pub(crate) fn get<const N: usize>(&self, row: usize, first_column: usize) -> [f32; N] {
+    pub(crate) fn get<const N: usize>(&self, row: usize, first_column: usize) -> [T; N] {
         core::array::from_fn(|k| self.values[self.index_of(row, first_column + k)])
     }
 
     /// Sets `N` neighbouring columns of one row.
-    pub(crate) fn set<const N: usize>(&mut self, row: usize, first_column: usize, numbers: [f32; N]) {
+    pub(crate) fn set<const N: usize>(&mut self, row: usize, first_column: usize, numbers: [T; N]) {
         for (k, number) in numbers.into_iter().enumerate() {
             let index = self.index_of(row, first_column + k);
             self.values[index] = number;
@@ -211,9 +237,15 @@ impl Table {
         }
     }
 
+    /// Returns whether a column has 32-bit floating-point numbers.
+    pub(crate) fn is_single(&self, name: &str) -> bool {
+        let property = self.vertex.properties.get(name);
+        property.is_some_and(|property| property.data_type == PropertyType::Scalar(ScalarType::Float))
+    }
+
     /// Reads the named columns, whose numbers must be finite. `layout` is the expected layout for
     /// error messages.
-    pub(crate) fn read(self, names: &[String], layout: &'static str) -> Result<Columns> {
+    pub(crate) fn read<T: Number>(self, names: &[String], layout: &'static str) -> Result<Columns<T>> {
         let path = self.path.clone();
         let columns = self.read_any(names, layout)?;
         columns.refuse_non_finite(&path)?;
@@ -221,12 +253,12 @@ impl Table {
     }
 
     /// [`Table::read`] of any numbers.
-    pub(crate) fn read_any(mut self, names: &[String], layout: &'static str) -> Result<Columns> {
+    pub(crate) fn read_any<T: Number>(mut self, names: &[String], layout: &'static str) -> Result<Columns<T>> {
         if let Some(name) = names.iter().find(|name| !self.has(name)) {
             return Err(Error::MissingProperty { path: self.path, property: name.clone(), layout });
         }
         let (cells, row_size) = self.cells()?;
-        self.refuse_an_impossible_count(row_size, names.len())?;
+        self.refuse_an_impossible_count(row_size, names.len() * size_of::<T>())?;
         let mut columns = Columns { names: names.to_vec(), count: self.count(), values: Vec::new() };
         match self.encoding {
             Encoding::Ascii => self.read_text(&mut columns, cells.len())?,
@@ -237,7 +269,7 @@ impl Table {
 
     /// Checks the count of the header against the length of the file and the memory budget of a
     /// scene.
-    fn refuse_an_impossible_count(&mut self, row_size: usize, columns: usize) -> Result<()> {
+    fn refuse_an_impossible_count(&mut self, row_size: usize, wanted: usize) -> Result<()> {
         let (count, left, len) = (self.count() as u64, self.left()?, self.len);
         let least = if self.encoding == Encoding::Ascii { 2 } else { 1 };
         if count.saturating_mul(least) > len {
@@ -247,13 +279,13 @@ impl Table {
         if self.encoding != Encoding::Ascii && count.saturating_mul(row_size as u64) > left {
             return Err(self.cut_short((left / row_size as u64) as usize));
         }
-        let wanted = count.saturating_mul((columns * size_of::<f32>()) as u64);
+        let wanted = count.saturating_mul(wanted as u64);
         let what = format!("its {count} vertices in {} MiB", len >> 20);
         SCENE.ask(&self.path, len, what, wanted)
     }
 
-    fn read_binary(&mut self, columns: &mut Columns, cells: &[Cell], row_size: usize) -> Result<()> {
-        columns.values = vec![0.0; self.count().next_multiple_of(BLOCK) * columns.names.len()];
+    fn read_binary<T: Number>(&mut self, columns: &mut Columns<T>, cells: &[Cell], row_size: usize) -> Result<()> {
+        columns.values = vec![T::default(); self.count().next_multiple_of(BLOCK) * columns.names.len()];
         let wanted: Vec<Cell> = columns.names.iter().map(|name| cells[self.index(name)].clone()).collect();
         let big_endian = self.encoding == Encoding::BinaryBigEndian;
 
@@ -308,7 +340,7 @@ impl Table {
 
     /// Memory grows block by block with the lines, since the count of the header says little about
     /// their words.
-    fn read_text(&mut self, columns: &mut Columns, words_in_row: usize) -> Result<()> {
+    fn read_text<T: Number>(&mut self, columns: &mut Columns<T>, words_in_row: usize) -> Result<()> {
         let places: Vec<usize> = columns.names.iter().map(|name| self.index(name)).collect();
         let vertex = self.vertex.clone();
         let mut line = String::new();
@@ -319,7 +351,7 @@ impl Table {
                 return Err(self.cut_short(row));
             }
             if row.is_multiple_of(BLOCK) {
-                columns.values.resize(columns.values.len() + BLOCK * places.len(), 0.0);
+                columns.values.resize(columns.values.len() + BLOCK * places.len(), T::default());
             }
             for (k, place) in places.iter().enumerate() {
                 let number = self.number(words[*place], row, &columns.names[k])?;
@@ -349,7 +381,7 @@ impl Table {
         }
     }
 
-    fn number(&self, text: &str, index: usize, property: &str) -> Result<f32> {
+    fn number<T: FromStr>(&self, text: &str, index: usize, property: &str) -> Result<T> {
         text.parse().map_err(|_| Error::NotANumber {
             path: self.path.clone(),
             index,
@@ -361,18 +393,17 @@ impl Table {
 
 /// Decodes one column of some rows. The type is matched outside of the loop, which the compiler
 /// then unrolls.
-fn decode(rows: &[u8], row_size: usize, cell: &Cell, big_endian: bool, column: &mut [f32]) {
+fn decode<T: Number>(rows: &[u8], row_size: usize, cell: &Cell, big_endian: bool, column: &mut [T]) {
     macro_rules! numbers {
         ($number:ty) => {{
             const SIZE: usize = size_of::<$number>();
             for (number, row) in column.iter_mut().zip(rows.chunks_exact(row_size)) {
                 let bytes: [u8; SIZE] = row[cell.offset..cell.offset + SIZE].try_into().expect("SIZE bytes were taken");
-                *number =
-                    if big_endian { <$number>::from_be_bytes(bytes) } else { <$number>::from_le_bytes(bytes) } as f32;
+                let stored = if big_endian { <$number>::from_be_bytes(bytes) } else { <$number>::from_le_bytes(bytes) };
+                *number = T::nearest(stored.into());
             }
         }};
     }
-    #[expect(trivial_numeric_casts, reason = "one text for all types, f32 among them")]
     match cell.scalar {
         ScalarType::Char => numbers!(i8),
         ScalarType::UChar => numbers!(u8),

@@ -52,7 +52,7 @@ use specula_core::{
 use specula_io::{
     Result, gaussian_ply,
     glb::{self, Attribute, Shading},
-    splat, spz,
+    origin, splat, spz,
 };
 use std::path::Path;
 
@@ -206,7 +206,7 @@ impl PlainGaussians {
 
     /// Writes a file, upright if asked for, and returns the Gaussians as a reader of the format
     /// gets them. `scene` is that of the Gaussians, whose shading goes into `.glb`; `comments` go
-    /// into `.ply`.
+    /// into `.ply`, an origin that they name into `.glb`.
     ///
     /// In `.glb` the transform of a node places the scene upright, so that the Gaussians
     /// themselves, written or returned, stay in the scene's world.
@@ -239,7 +239,7 @@ impl PlainGaussians {
             }
             GaussianFormat::Glb => {
                 let transform = upright.map(Upright::node_transform);
-                glb::write(path, gaussians, self.shading(scene).as_ref(), transform)?;
+                glb::write(path, gaussians, self.shading(scene).as_ref(), transform, origin::of_comments(comments))?;
                 gaussians.clone()
             }
         })

@@ -501,7 +501,7 @@ const GLB: Target = Target {
         let roughness = Attribute { name: "ROUGHNESS".into(), width: 1, values: numbers(12, 6) };
         let light = Some((numbers(10, 18 * 4 * 4), 4));
         let shading = Shading { attributes: vec![roughness], light, ..Shading::default() };
-        glb::write(&folder.join("a.glb"), &gaussians, Some(&shading), None).unwrap();
+        glb::write(&folder.join("a.glb"), &gaussians, Some(&shading), None, [0.0; 3]).unwrap();
     },
     read: |folder| glb::read(Input::file(&folder.join("a.glb"))).map(|_| ()).map_err(sentence),
     memory: BYTES_OF_PICTURES,

@@ -368,7 +368,7 @@ mod tests {
         let turned = Placement { rotation: [-root, 0.0, 0.0, root], translation: [1.0; 3], scale: 2.0 };
         let given = gaussians();
         for (shading, placement) in [(None, None), (Some(shading()), None), (Some(shading()), Some(turned))] {
-            write(&path, &given, shading.as_ref(), placement).unwrap();
+            write(&path, &given, shading.as_ref(), placement, [0.0; 3]).unwrap();
             let read = read(Input::file(&path)).unwrap();
             assert_eq!((read.gaussians.count, read.gaussians.layout), (given.count, given.layout));
             for plane in 0..given.layout.plane_count() {

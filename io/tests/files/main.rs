@@ -8,6 +8,7 @@ mod ktx;
 mod light;
 mod model_folder;
 mod names;
+mod origin;
 mod photographs;
 mod pictures;
 mod ply;
