@@ -44,6 +44,8 @@ pub const VERTEX_BASE: usize = 6;
 /// First number of a vertex's diffuse albedo times its ambient transfer: of a physical material, to
 /// find its base colour under another light; zero without materials.
 pub const VERTEX_ALBEDO: usize = 13;
+/// Largest albedo of a vertex: 1, and the rounding of means.
+const ALBEDO_MAX: f32 = 1.001;
 /// Least index that an `f32` may not hold.
 pub const INDEX_MAX: usize = 1 << 24;
 /// Distance along a ray that is not met.
@@ -141,6 +143,11 @@ pub enum NearFieldError {
         /// Index of the triangle.
         index: usize,
     },
+    /// A vertex reflects more light than arrives.
+    Albedo {
+        /// Index of the vertex.
+        index: usize,
+    },
 }
 
 impl core::fmt::Display for NearFieldError {
@@ -151,6 +158,7 @@ impl core::fmt::Display for NearFieldError {
             Self::NotFinite => write!(out, "a number is not finite, or rays would start below the surface"),
             Self::Node { index } => write!(out, "node {index} does not belong to a hierarchy in depth-first order"),
             Self::Triangle { index } => write!(out, "triangle {index} has a vertex that is not there"),
+            Self::Albedo { index } => write!(out, "vertex {index} has an albedo that is not from 0 to 1"),
         }
     }
 }
@@ -250,7 +258,11 @@ impl<A: AsRef<[f32]>> NearField<A> {
                 return Err(NearFieldError::Triangle { index });
             }
         }
-        Ok(())
+        let is_albedo = |albedo: &f32| (0.0..=ALBEDO_MAX).contains(albedo);
+        match self.vertices().iter().position(|vertex| !vertex[VERTEX_ALBEDO..].iter().all(is_albedo)) {
+            Some(index) => Err(NearFieldError::Albedo { index }),
+            None => Ok(()),
+        }
     }
 
     /// Index and count of a node; none where they are not whole numbers.

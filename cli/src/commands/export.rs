@@ -22,6 +22,7 @@ use specula_scene::{
     orbit::evenly_spaced,
     orientation,
     prefiltered::radiance_to_filter,
+    text::shown,
     upright::{AxisConvention, Upright},
 };
 use std::{
@@ -305,6 +306,6 @@ impl Exporter<'_> {
     /// Prints a file that is written: its content, its size, its losses.
     fn say(&self, path: &Path, count: &str, losses: &str) -> Result<(), Failure> {
         let bytes = fs::metadata(path).map_err(|cause| Error::Read { path: path.to_owned(), cause })?.len();
-        output::say(&format!("{}: {count}, {} bytes; {losses}", path.display(), group_digits(bytes as usize)))
+        output::say(&format!("{}: {count}, {} bytes; {losses}", shown(path), group_digits(bytes as usize)))
     }
 }
