@@ -5,12 +5,13 @@
 //! preset is a layer of the same kind beneath both.
 
 use crate::{
-    args::{Arguments, Command, Preset, Train},
+    args::{Arguments, Command, LightReference, Preset, Train},
     failure::Failure,
     output,
 };
 use clap::{Arg, CommandFactory, Parser, parser::ValueSource};
-use specula_io::{Error, budget::FACTS, checkpoint};
+use core::any::TypeId;
+use specula_io::{Error, budget::FACTS, checkpoint, within};
 use std::{
     ffi::OsString,
     path::{Path, PathBuf},
@@ -176,20 +177,35 @@ fn plain(value: &Value) -> Option<String> {
 /// # Errors
 /// Settings that TOML cannot represent.
 pub(crate) fn text_of(args: &Train) -> Result<String, Failure> {
-    let mut args = args.clone();
-    args.start.points = args.start.points.map(|path| absolute(&path));
     let unfit = |error: &dyn core::fmt::Display| Failure::Input(format!("cannot write the settings: {error}"));
     let mut table = Table::new();
     if let Some(source) = args.source() {
         table.insert("source-path".into(), output::absolute(source).into());
     }
-    let settings = Table::try_from(&args).map_err(|error| unfit(&error))?;
+    let settings = Table::try_from(args).map_err(|error| unfit(&error))?;
     table.extend(settings.into_iter().map(|(key, value)| (key, short(&value))));
+    place_files(&mut table, Path::new(""));
     toml::to_string(&table).map_err(|error| unfit(&error))
 }
 
-fn absolute(path: &Path) -> PathBuf {
-    output::absolute(path).into()
+/// Lets the paths among settings begin at a folder, whatever the working folder will be.
+pub(crate) fn place_files(table: &mut Table, folder: &Path) {
+    let command = Arguments::command();
+    let train = command.find_subcommand("train").expect("it is there");
+    for arg in train.get_arguments() {
+        if let Some(Value::String(text)) = arg.get_long().and_then(|key| table.get_mut(key))
+            && names_file(arg, text)
+        {
+            *text = output::absolute(&folder.join(&*text));
+        }
+    }
+}
+
+/// Whether the value of an option is a path.
+fn names_file(arg: &Arg, text: &str) -> bool {
+    let kind = arg.get_value_parser().type_id();
+    let is_light = || matches!(text.parse(), Ok(LightReference::Map(_)));
+    kind == TypeId::of::<PathBuf>() || kind == TypeId::of::<LightReference>() && is_light()
 }
 
 /// First setting in which a training differs from the one in a model folder, as the end of a
@@ -199,7 +215,7 @@ fn absolute(path: &Path) -> PathBuf {
 /// A `config.toml` that cannot be read, or settings that TOML cannot represent.
 pub(crate) fn difference_from(folder: &Path, args: &Train) -> Result<Option<String>, Failure> {
     let path = folder.join(NAME);
-    if !path.is_file() {
+    if !within::holds(&path)? {
         return Ok(None);
     }
     Ok(first_difference(&table_of(&text_of(args)?), &read(&path)?))
@@ -216,7 +232,16 @@ pub(crate) fn save(folder: &Path, text: &str) -> Result<(), Failure> {
 /// First setting that differs between two files and is not in [`CHANGEABLE`], as the end of a
 /// sentence.
 pub(crate) fn contradiction(now: &str, then: &str) -> Option<String> {
-    first_difference(&table_of(now), &table_of(then))
+    let mut tables = [now, then].map(table_of);
+    // Files of a light may move as data sets may: a training compares the light itself.
+    let names_light = |table: &Table| {
+        let light = table.get("light-reference").and_then(Value::as_str).map(str::parse);
+        matches!(light, Some(Ok(LightReference::Map(_))))
+    };
+    if tables.iter().all(names_light) {
+        tables.iter_mut().for_each(|table| drop(table.remove("light-reference")));
+    }
+    first_difference(&tables[0], &tables[1])
 }
 
 /// Value whose numbers have no more digits than an `f32` tells apart, as those of options do.

@@ -1,6 +1,7 @@
 //! Failures that end the program, and their exit codes.
 
-use specula_cpu::CpuError;
+use core::any::Any;
+use specula_cpu::{CpuError, OutOfMemory};
 #[cfg(feature = "gpu")]
 use specula_gpu::GpuError;
 use specula_scene::SceneError;
@@ -47,6 +48,12 @@ impl Failure {
             SceneError::Locked(sentence) => Self::Input(format!("{sentence}; {remedy}")),
             other => other.into(),
         }
+    }
+
+    /// Failure of a panic that says that memory is short; none of others, whose message the hook has
+    /// printed.
+    pub(crate) fn out_of_memory(payload: &(dyn Any + Send)) -> Option<Self> {
+        payload.downcast_ref().map(|fault: &OutOfMemory| Self::Input(format!("{fault}, with -r or --size")))
     }
 
     /// True for failures of a device, which the CPU may not have.

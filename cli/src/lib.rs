@@ -28,7 +28,7 @@ use args::{Arguments, Command};
 use clap::error::ErrorKind;
 use core::panic::AssertUnwindSafe;
 use failure::{Failure, shortened};
-use specula_scene::ExecutorChoice;
+use specula_scene::{ExecutorChoice, text::printable};
 use std::ffi::OsString;
 
 /// Allocator that keeps pages between steps, each of which allocates frames and gradients anew.
@@ -46,14 +46,15 @@ pub fn run(ranks: &Ranks<'_>) -> u8 {
     };
     progress::init(arguments.quiet, ranks.is_first());
     interrupt::ignore_file_size_signal();
-    // The panic hook has printed the message of a panic.
-    match std::panic::catch_unwind(AssertUnwindSafe(|| start(arguments, ranks))) {
+    let done = std::panic::catch_unwind(AssertUnwindSafe(|| start(arguments, ranks)));
+    match done.or_else(|payload| Failure::out_of_memory(payload.as_ref()).map(Err).ok_or(())) {
         Ok(Ok(()) | Err(Failure::BrokenPipe)) => 0,
         Ok(Err(failure)) => {
             tracing::error!("{}{}", ranks.prefix(), shortened(&failure.to_string()));
             failure.exit_code()
         }
-        Err(_) => 1,
+        // The panic hook has printed the message of a panic.
+        Err(()) => 1,
     }
 }
 
@@ -116,7 +117,8 @@ fn explain(error: &clap::Error) -> u8 {
         }
         _ => {
             let command = help::command_of(&words).map_or(String::new(), |name| format!("{name} "));
-            eprintln!("specula: {}; see specula {command}--help", failure::sentence_of(error));
+            let sentence = printable(&failure::sentence_of(error));
+            eprintln!("specula: {sentence}; see specula {command}--help");
             return 2;
         }
     }

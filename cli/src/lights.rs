@@ -9,8 +9,11 @@ use crate::{
 use core::{fmt::Display, str::FromStr};
 use glam::Vec3;
 use serde::Deserialize;
-use specula_core::lamps::Lamp;
-use specula_io::latlong::{LatLong, MapOrientation};
+use specula_core::lamps::{Lamp, check};
+use specula_io::{
+    budget::FACTS,
+    latlong::{LatLong, MapOrientation},
+};
 use specula_scene::{
     OpenedModel, RenderOptions, Scene, SceneError, Shading, Surface,
     backdrop::Backdrop,
@@ -20,7 +23,6 @@ use specula_scene::{
     picture_folder::light_differences,
 };
 use std::{
-    fs,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -119,7 +121,7 @@ impl LightPlan {
     ///
     /// # Errors
     ///
-    /// A file that cannot be read or says something else; no light at all.
+    /// A file that cannot be read or says something else; no light at all; lamps beyond bounds.
     pub(crate) fn new(args: &Lights, options: LightOptions) -> Result<Self, Failure> {
         let named = NamedLights::read(&args.lamps)?;
         let up = named.up(options.up);
@@ -141,7 +143,9 @@ impl LightPlan {
         if args.ground.is_some() && suns.iter().any(|sun| sun.elevation < 0.0) {
             tracing::warn!("a sun stands below the horizon; the ground catches shadows, but casts none onto the scene");
         }
-        Ok(Self { env, options, suns, spheres, turn, rays: args.shadow_rays, ground: args.ground })
+        let plan = Self { env, options, suns, spheres, turn, rays: args.shadow_rays, ground: args.ground };
+        check(&plan.lamps(Vec3::Z, 0.0), plan.rays).map_err(|fault| Failure::Input(fault.to_string()))?;
+        Ok(plan)
     }
 
     /// File of the environment map, if one shines.
@@ -257,15 +261,10 @@ fn surface_of(opened: &OpenedModel, options: &RenderOptions) -> Result<Option<Ar
 
 /// Reads a file of lights.
 fn read(path: &Path) -> Result<LightFile, Failure> {
-    /// Largest size of a file of lights, in bytes.
-    const SIZE_MAX: u64 = 1 << 20;
     let wrong = |error: &dyn Display| Failure::Input(format!("{path:?} is no file of lights: {error}"));
-    let size = fs::metadata(path).map_err(|error| wrong(&error))?.len();
-    if size > SIZE_MAX {
-        return Err(wrong(&"it is larger than a mebibyte"));
-    }
-    let text = fs::read_to_string(path).map_err(|error| wrong(&error))?;
-    let file: LightFile = toml::from_str(&text).map_err(|error| wrong(&error.to_string().trim().replace('\n', " ")))?;
+    let text = FACTS.read(path)?;
+    let file: LightFile =
+        toml::from_slice(&text).map_err(|error| wrong(&error.to_string().trim().replace('\n', " ")))?;
     if !file.exposure.is_finite() || !file.turn.is_finite() {
         return Err(wrong(&"exposure and turn are finite numbers"));
     }
@@ -284,6 +283,7 @@ fn parsed<T: FromStr<Err: Display>>(entries: &[String], key: &str, path: &Path) 
 mod tests {
     use super::*;
     use specula_core::lamps::RAYS;
+    use std::fs;
 
     fn lights(file: Option<&Path>, sun: &[&str]) -> Lights {
         Lights {

@@ -17,8 +17,6 @@ use toml::{Table, Value};
 const TRAINING: &str = "training";
 /// Setting that no option above a training can be.
 const PRESET: &str = "preset";
-/// Settings that name files, relative to the folder of the manifest.
-const PATHS: [&str; 3] = ["source-path", "model-path", "points"];
 /// Options that select trainings, without those of the trainings.
 const SELECTION: [&str; 2] = ["--manifest", "--task"];
 /// Options without a value that select trainings.
@@ -101,11 +99,7 @@ fn trainings(path: &Path) -> Result<Vec<Table>, Failure> {
         let Value::Table(own) = own else { return Err(wrong("a training is a table, [[training]]")) };
         let mut table = shared.clone();
         table.extend(own);
-        for key in PATHS {
-            if let Some(Value::String(file)) = table.get_mut(key) {
-                *file = folder.join(&*file).to_string_lossy().into_owned();
-            }
-        }
+        config::place_files(&mut table, &folder);
         Ok(table)
     };
     own.into_iter().map(whole).collect()

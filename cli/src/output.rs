@@ -1,20 +1,21 @@
 //! Results: lines on stdout, and files that are written atomically.
 
 use crate::failure::Failure;
-use specula_io::{Error, whole_file};
+use specula_io::{Error, whole_file, within};
+use specula_scene::text::printable;
 use std::{
     fs,
     io::{self, Write},
     path::Path,
 };
 
-/// Prints a result as a line on stdout.
+/// Prints a result as a line on stdout, or as lines, without characters that control a terminal.
 ///
 /// # Errors
 /// [`Failure::BrokenPipe`] if stdout is closed, else [`Failure::Input`].
-pub(crate) fn say(line: &str) -> Result<(), Failure> {
+pub(crate) fn say(lines: &str) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
-    writeln!(out, "{line}")?;
+    lines.split('\n').try_for_each(|line| writeln!(out, "{}", printable(line)))?;
     out.flush()?;
     Ok(())
 }
@@ -43,7 +44,7 @@ pub(crate) fn stem(path: &Path) -> String {
 }
 
 /// Creates a folder and tests that files can be written to it, before long work instead of after
-/// it.
+/// it. What a killed program left there is removed.
 ///
 /// # Errors
 /// [`Failure::File`] if the folder cannot be created or written to.
@@ -52,7 +53,18 @@ pub(crate) fn make_folder(folder: &Path) -> Result<(), Failure> {
         file.write_all(&[0; 4096])?;
         file.sync_data()
     });
+    whole_file::remove_unfinished(folder, 0);
     written.map_err(|cause| Error::Write { path: folder.to_owned(), cause }.into())
+}
+
+/// Writes a file below a folder as [`write_bytes`] does, but through no link within it.
+///
+/// # Errors
+/// [`Failure::File`] if the file cannot be written, or a folder on its way is a link.
+pub(crate) fn write_within(root: &Path, below: impl AsRef<Path>, bytes: &[u8]) -> Result<(), Failure> {
+    let path = root.join(below);
+    within::refuse_links(root, path.parent().unwrap_or(root))?;
+    write_bytes(&path, bytes)
 }
 
 /// Writes indented JSON.
@@ -71,8 +83,7 @@ pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
     write_bytes(path, text.as_bytes())
 }
 
-/// Writes a file atomically, by way of a temporary file beside it, which the next training of a
-/// model folder sweeps where a killed program left it.
+/// Writes a file atomically, by way of a temporary file beside it.
 ///
 /// # Errors
 /// [`Failure::File`] if the file cannot be written.

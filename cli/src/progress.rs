@@ -3,6 +3,7 @@
 
 use core::{fmt, time::Duration};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use specula_scene::text::printable;
 use std::{
     io::{self, IsTerminal, stderr},
     sync::{LazyLock, Mutex},
@@ -68,7 +69,8 @@ pub(crate) fn work(title: &str, steps: u64) -> Work {
     Work { bar, last_line }
 }
 
-/// Format of a note: the program's name and the sentence.
+/// Format of a note: the program's name and the sentence, in one line whatever a library or a file
+/// says.
 struct Sentence;
 
 impl<S, N> FormatEvent<S, N> for Sentence
@@ -77,9 +79,10 @@ where
     N: for<'a> FormatFields<'a> + 'static,
 {
     fn format_event(&self, context: &FmtContext<'_, S, N>, mut out: Writer<'_>, event: &Event<'_>) -> fmt::Result {
-        out.write_str("specula: ")?;
-        context.format_fields(out.by_ref(), event)?;
-        writeln!(out)
+        let mut text = String::new();
+        context.format_fields(Writer::new(&mut text), event)?;
+        let words: Vec<&str> = text.split('\n').map(str::trim).filter(|line| !line.is_empty()).collect();
+        writeln!(out, "specula: {}", printable(&words.join(" ")))
     }
 }
 

@@ -99,7 +99,10 @@ pub(crate) fn share_among_threads(
             exchanges.map(|exchange| scope.spawn(move || run_other(exchange))).collect();
         let mut outcome = run(first);
         for (other, rank) in others.into_iter().zip(1..) {
-            let done = other.join().unwrap_or_else(|_| Err(Failure::Internal("a rank panicked".into())));
+            let done = other.join().unwrap_or_else(|payload| {
+                let failure = Failure::out_of_memory(payload.as_ref());
+                Err(failure.unwrap_or_else(|| Failure::Internal("a rank panicked".into())))
+            });
             match (&outcome, done) {
                 (Ok(()), done) => outcome = done,
                 (Err(failure), Err(other)) if failure.to_string() != other.to_string() => {

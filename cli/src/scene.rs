@@ -8,7 +8,7 @@ use crate::{
 use glam::Vec3;
 use specula_core::{antialias::LowPass, scene::Image, shade::ShadingForm};
 use specula_io::{
-    Error, Input, glb,
+    Error, Input, budget, glb,
     latlong::{LatLong, MapOrientation},
     model_folder::{self, Model},
 };
@@ -242,6 +242,7 @@ pub(crate) fn read_env(path: &Path, exposure: f32) -> Result<LatLong, Failure> {
     let (mut map, warnings) = light_file::read(Input::file(path))?;
     warnings.iter().for_each(|warning| tracing::info!("{warning}"));
     map.rgb.iter_mut().for_each(|radiance| *radiance *= exposure.exp2());
+    budget::radiance(path, &map.rgb)?;
     Ok(map)
 }
 /// Requested layers that the scene has.

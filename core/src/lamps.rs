@@ -109,7 +109,11 @@ impl core::fmt::Display for LampError {
                 write!(out, "there are more than {LAMPS_MAX} lamps, or not from 1 to {RAYS_MAX} shadow rays for each")
             }
             Self::Number { index } => {
-                write!(out, "lamp {index} has no direction, or a number that is negative, too large or not finite")
+                write!(
+                    out,
+                    "lamp {index} has a strength above {LIGHT_MAX}, a place or radius beyond {DISTANCE_MAX}, no \
+                     direction, or a number that is negative or not finite"
+                )
             }
             Self::Reflected => write!(out, "reflected light is not three finite numbers for each vertex"),
         }

@@ -44,6 +44,8 @@ pub const VERTEX_BASE: usize = 6;
 /// First number of a vertex's diffuse albedo times its ambient transfer: of a physical material, to
 /// find its base colour under another light; zero without materials.
 pub const VERTEX_ALBEDO: usize = 13;
+/// Largest albedo of a vertex: 1, and the rounding of means.
+const ALBEDO_MAX: f32 = 1.001;
 /// Least index that an `f32` may not hold.
 pub const INDEX_MAX: usize = 1 << 24;
 /// Distance along a ray that is not met.
@@ -152,6 +154,11 @@ pub enum NearFieldError {
         /// Mean number of boxes and triangles that a ray is tested against.
         cost: usize,
     },
+    /// A vertex reflects more light than arrives.
+    Albedo {
+        /// Index of the vertex.
+        index: usize,
+    },
 }
 
 impl core::fmt::Display for NearFieldError {
@@ -165,6 +172,7 @@ impl core::fmt::Display for NearFieldError {
             Self::Overlap { cost } => {
                 write!(out, "its boxes overlap: a ray would be tested against {cost} of them, {COST_MAX} at most")
             }
+            Self::Albedo { index } => write!(out, "vertex {index} has an albedo that is not from 0 to 1"),
         }
     }
 }
@@ -267,6 +275,11 @@ impl<A: AsRef<[f32]>> NearField<A> {
             if !corners.into_iter().all(is_there) {
                 return Err(NearFieldError::Triangle { index });
             }
+        }
+        let is_albedo = |albedo: &f32| (0.0..=ALBEDO_MAX).contains(albedo);
+        let is_bright = |vertex: &[f32; VERTEX_LEN]| !vertex[VERTEX_ALBEDO..].iter().all(is_albedo);
+        if let Some(index) = self.vertices().iter().position(is_bright) {
+            return Err(NearFieldError::Albedo { index });
         }
         let cost = self.cost();
         if cost <= COST_MAX { Ok(()) } else { Err(NearFieldError::Overlap { cost }) }

@@ -1,8 +1,12 @@
 //! Pools of memory: the results of stages give their memory back when they are dropped, so a
 //! training allocates nothing once it has met its largest pictures.
 
+use crate::error::OutOfMemory;
 use core::ops::{Deref, DerefMut};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::{
+    panic::resume_unwind,
+    sync::{Arc, Mutex, PoisonError},
+};
 
 /// Pool of free memory for values of one type.
 #[derive(Debug)]
@@ -39,7 +43,10 @@ impl<T: Default> Pool<T> {
         let mut values = self.nearest(len).unwrap_or_default();
         if values.len() < len {
             // Capacity to grow: pictures and clouds differ a little from step to step.
-            values.resize_with(len + len / 4, T::default);
+            let roomy = len + len / 4;
+            let more = roomy - values.len();
+            grow(&mut values, more);
+            values.resize_with(roomy, T::default);
         }
         Buffer { values, len, home: self.clone() }
     }
@@ -64,7 +71,7 @@ impl<T: Copy> Pool<T> {
     pub(crate) fn copy_of(&self, values: &[T]) -> Vec<T> {
         let mut copy = self.nearest(values.len()).unwrap_or_default();
         copy.clear();
-        copy.reserve_exact(values.len());
+        grow(&mut copy, values.len());
         copy.extend_from_slice(values);
         copy
     }
@@ -76,6 +83,14 @@ impl<T: Copy + Default> Pool<T> {
         let mut buffer = self.take(len);
         buffer.fill(T::default());
         buffer
+    }
+}
+
+/// Makes room for more values. Without memory for them it unwinds with [`OutOfMemory`], which a
+/// program can tell as a sentence; an allocation that fails would end it at once.
+fn grow<T>(values: &mut Vec<T>, more: usize) {
+    if values.try_reserve_exact(more).is_err() {
+        resume_unwind(Box::new(OutOfMemory { bytes: more.saturating_mul(size_of::<T>()) }));
     }
 }
 

@@ -56,5 +56,5 @@ mod read_back;
 pub mod stages;
 mod texel;
 
-pub use error::CpuError;
+pub use error::{CpuError, OutOfMemory};
 pub use executor::{CpuExecutor, CpuViewer};

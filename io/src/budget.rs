@@ -1,15 +1,20 @@
-//! Memory budgets of files, checked before memory is allocated.
+//! Memory budgets of files, checked before memory is allocated, and bounds of what they hold.
 //!
 //! Budgets count the bytes that a reader holds at once, after conversion: a pixel that is stored in
 //! one byte and kept in four counts as five. No reader takes more than a gigabyte for a file of ten
 //! megabytes, whatever its header says.
 
-use crate::error::{Error, Result};
+use crate::{
+    error::{Error, Result},
+    within,
+};
 use core::fmt::Display;
-use std::{fs::File, io::Read, path::Path};
+use std::{io::Read, path::Path};
 
 /// Largest edge of a camera's picture in pixels; COLMAP's files are held to it as well.
 pub const EDGE_MAX: u32 = 1 << 16;
+/// Largest radiance of a light that is named: its squares are finite, and the sun's is far below.
+pub const RADIANCE_MAX: f32 = 1e18;
 /// Largest rendered picture in pixels: 16 384 by 8192, 12.5 GiB of `f32` with all layers.
 pub const PIXELS_MAX: u64 = 1 << 27;
 
@@ -23,7 +28,7 @@ pub(crate) const PICTURE: Budget =
     Budget { kind: "a picture from a file of that size", any: 896 << 20, for_each: 90, remedy: "save it smaller" };
 /// Text of a list of cameras: a hundred thousand frames of nerfstudio. Parsed JSON takes up to
 /// fifty times its text.
-pub(crate) const LIST: Budget =
+pub const LIST: Budget =
     Budget { kind: "the text of a list", any: 64 << 20, for_each: 0, remedy: "leave frames out of it" };
 /// Text of a model's description; parsed, it takes up to two hundred times as much.
 pub const FACTS: Budget =
@@ -65,33 +70,57 @@ impl Budget {
         self.any.max(len.saturating_mul(self.for_each))
     }
 
-    /// Refuses a file of length `len` whose part `what` would take more than the budget.
+    /// Refuses a file of length `len` whose part `what` would take more than the budget, or more
+    /// than the system grants.
     ///
     /// # Errors
     ///
-    /// [`Error::TooLarge`] where `wanted` is beyond the budget.
+    /// [`Error::TooLarge`] where `wanted` is beyond the budget, [`Error::OutOfMemory`].
     pub(crate) fn ask(&self, path: &Path, len: u64, what: impl Display, wanted: u64) -> Result<()> {
         let most = self.of(len);
-        if wanted <= most {
+        if wanted <= most && is_granted(wanted) {
             return Ok(());
         }
-        let (what, kind, remedy) = (what.to_string(), self.kind, self.remedy);
-        Err(Error::TooLarge { path: path.to_owned(), what, wanted, kind, most, remedy })
+        let (path, what, kind, remedy) = (path.to_owned(), what.to_string(), self.kind, self.remedy);
+        Err(match wanted <= most {
+            true => Error::OutOfMemory { path, what, wanted, remedy },
+            false => Error::TooLarge { path, what, wanted, kind, most, remedy },
+        })
     }
 
     /// Reads a whole file, but never more bytes than the budget.
     ///
     /// # Errors
     ///
-    /// [`Error::TooLarge`] for a longer file, [`Error::Read`] for one that cannot be read.
+    /// [`Error::TooLarge`] for a longer file, [`Error::NotAFile`] and [`Error::Read`] for one that
+    /// cannot be read.
     pub fn read(&self, path: &Path) -> Result<Vec<u8>> {
-        let file = File::open(path).map_err(Error::reading(path))?;
+        let file = within::open(path)?;
         let len = file.metadata().map_err(Error::reading(path))?.len();
         self.ask(path, 0, "it", len)?;
         let mut bytes = Vec::new();
         file.take(self.any + 1).read_to_end(&mut bytes).map_err(Error::reading(path))?;
         self.ask(path, 0, "it", bytes.len() as u64)?;
         Ok(bytes)
+    }
+}
+
+/// Whether memory can be had, which is given back at once. Readers that find none would end the
+/// program.
+fn is_granted(bytes: u64) -> bool {
+    const LITTLE: u64 = 16 << 20;
+    bytes < LITTLE || usize::try_from(bytes).is_ok_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok())
+}
+
+/// Checks the radiance of a light from a file, with its exposure.
+///
+/// # Errors
+///
+/// [`Error::TooBright`].
+pub fn radiance(path: &Path, values: &[f32]) -> Result<()> {
+    match values.iter().find(|radiance| !(**radiance <= RADIANCE_MAX)) {
+        Some(found) => Err(Error::TooBright { path: path.to_owned(), found: *found }),
+        None => Ok(()),
     }
 }
 
@@ -126,10 +155,13 @@ mod tests {
     }
 
     #[test]
-    fn a_file_without_end_is_not_read_to_its_end() {
-        let endless = Path::new("/dev/zero");
-        if endless.exists() {
-            assert!(FACTS.read(endless).unwrap_err().to_string().contains("4 MiB"));
+    fn files_are_read_within_the_budget_and_what_is_no_file_is_not_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.json");
+        std::fs::File::create(&path).unwrap().set_len(5 << 20).unwrap();
+        assert!(FACTS.read(&path).unwrap_err().to_string().contains("4 MiB"));
+        for other in [folder.path(), Path::new("/dev/zero")] {
+            assert!(!other.exists() || matches!(FACTS.read(other), Err(Error::NotAFile { .. })), "{other:?}");
         }
     }
 

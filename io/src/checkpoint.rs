@@ -25,7 +25,7 @@
 use crate::{
     budget::{CHECKPOINT_HEADER_MAX, SCENE},
     error::{Error, Result},
-    whole_file,
+    whole_file, within,
 };
 use core::fmt::Display;
 use safetensors::{
@@ -44,7 +44,7 @@ use specula_core::{
 use std::{
     collections::HashMap,
     fs::File,
-    io::{self, ErrorKind, Read, Seek, SeekFrom, Write},
+    io::{self, Read, Seek, SeekFrom, Write},
     path::{Path, PathBuf},
 };
 
@@ -358,12 +358,10 @@ impl Reader {
     /// Reads the header and checks that the tensors fill the file.
     fn open(folder: &Path) -> Result<Self> {
         let path = path_in(folder);
-        let mut file = match File::open(&path) {
-            Err(cause) if cause.kind() == ErrorKind::NotFound => {
-                return Err(Error::NoCheckpoint { path: folder.to_owned() });
-            }
-            file => file.map_err(Error::reading(&path))?,
-        };
+        if !within::holds(&path)? {
+            return Err(Error::NoCheckpoint { path: folder.to_owned() });
+        }
+        let mut file = within::open(&path)?;
         let size = file.metadata().map_err(Error::reading(&path))?.len();
         let refuse = |cause: &dyn Display| broken(&path, "the header", cause);
 
@@ -422,7 +420,16 @@ impl Reader {
     }
 
     fn moments(&mut self, [mean, square]: [&str; 2], shape: &[usize]) -> Result<AdamMoments<Vec<f32>>> {
-        Ok(AdamMoments { mean: self.numbers(mean, shape)?, square: self.numbers(square, shape)? })
+        Ok(AdamMoments { mean: self.numbers(mean, shape)?, square: self.squares(square, shape)? })
+    }
+
+    /// Reads means of squares, whose roots a step takes.
+    fn squares(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
+        let squares = self.numbers(name, shape)?;
+        match squares.iter().any(|square| *square < 0.0) {
+            true => Err(self.refuse(&format!("tensor {name:?}"), "squares are not negative")),
+            false => Ok(squares),
+        }
     }
 
     fn light(&mut self, header: LightHeader) -> Result<(Environment<Vec<f32>>, AdamMoments<Vec<f32>>)> {
@@ -451,14 +458,14 @@ impl Reader {
 
     fn exposures(&mut self, count: usize) -> Result<ExposureState> {
         let shape = shape_of_exposures(count);
-        let mut maps = |name: &str| -> Result<Vec<Exposure<f32>>> {
-            let numbers = self.numbers(name, &shape)?;
+        let maps = |numbers: Vec<f32>| -> Vec<Exposure<f32>> {
             let rows = numbers.as_chunks::<4>().0;
-            Ok(rows.as_chunks::<3>().0.to_vec())
+            rows.as_chunks::<3>().0.to_vec()
         };
+        let moments = self.moments(["exposure.mean", "exposure.square"], &shape)?;
         Ok(ExposureState {
-            maps: maps("exposure")?,
-            moments: AdamMoments { mean: maps("exposure.mean")?, square: maps("exposure.square")? },
+            maps: maps(self.numbers("exposure", &shape)?),
+            moments: AdamMoments { mean: maps(moments.mean), square: maps(moments.square) },
         })
     }
 

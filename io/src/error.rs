@@ -1,6 +1,6 @@
 //! Errors of reading and writing, one sentence each.
 
-use crate::named::unread_format;
+use crate::{budget::RADIANCE_MAX, named::unread_format};
 use std::{io, path::PathBuf};
 
 /// Result of reading or writing.
@@ -26,6 +26,35 @@ pub enum Error {
         path: PathBuf,
         /// Cause given by the operating system.
         cause: io::Error,
+    },
+    /// A light is brighter than can be computed with.
+    #[error("{path:?} has a radiance of {found:e}, and {RADIANCE_MAX:e} is the most; lower its exposure, or scale it")]
+    TooBright {
+        /// The file.
+        path: PathBuf,
+        /// Radiance, with the exposure.
+        found: f32,
+    },
+    /// A pipe, a device or a folder lies where a file is expected.
+    #[error("{path:?} is no regular file, but a folder, a pipe or a device; put a file in its place, or remove it")]
+    NotAFile {
+        /// The path.
+        path: PathBuf,
+    },
+    /// A folder in which files are written or removed is a link.
+    #[error(
+        "{path:?} is a link, through which nothing is written or removed; put a folder or a file in its place, or \
+         remove it"
+    )]
+    Link {
+        /// The link.
+        path: PathBuf,
+    },
+    /// Other programs do not release the lock of a file.
+    #[error("other programs change what {path:?} locks, and do not end; wait until they do, and try again")]
+    Busy {
+        /// The file.
+        path: PathBuf,
     },
     /// The extension of a file name is of no format that can be written.
     #[error("cannot tell the format of {path:?} from its name; let it end in {expected}")]
@@ -59,6 +88,18 @@ pub enum Error {
         kind: &'static str,
         /// Budget in bytes.
         most: u64,
+        /// Remedy.
+        remedy: &'static str,
+    },
+    /// The system does not grant the memory that a file needs.
+    #[error("cannot read {path:?}: {what} takes {} MiB, more than the system grants; free some, or {remedy}", wanted.div_ceil(1 << 20))]
+    OutOfMemory {
+        /// The file.
+        path: PathBuf,
+        /// Part of the file that is too large.
+        what: String,
+        /// Bytes that the part takes.
+        wanted: u64,
         /// Remedy.
         remedy: &'static str,
     },
@@ -386,7 +427,7 @@ impl Error {
             other => {
                 let cause = match unread_format(&path) {
                     Some(format) => format!("it is {format}, and PNG, JPEG and WebP are read"),
-                    None => other.to_string(),
+                    None => other.to_string().trim_end().to_owned(),
                 };
                 Self::Image { path, cause }
             }

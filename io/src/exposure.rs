@@ -9,16 +9,10 @@
 //! 1\], where A is the left 3 × 3 part of the matrix and b its last column. The mean over all
 //! photographs is the identity.
 
-use crate::{
-    budget::LIST,
-    error::{Error, Result},
-    json,
-};
+use crate::{budget::LIST, error::Result, json, within};
 use specula_core::expose::Exposure;
 use std::{
     collections::BTreeMap,
-    fs,
-    io::ErrorKind,
     path::{Path, PathBuf},
 };
 
@@ -34,7 +28,7 @@ pub fn path_in(folder: &Path) -> PathBuf {
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where the file cannot be written.
+/// [`crate::Error::Write`], where the file cannot be written.
 pub fn write(folder: &Path, names: &[String], exposures: &[Exposure<f32>]) -> Result<()> {
     let mut all = Exposures::new();
     for (name, exposure) in names.iter().zip(exposures) {
@@ -54,21 +48,17 @@ fn free_name(taken: &Exposures, name: &str) -> String {
 ///
 /// # Errors
 ///
-/// [`Error::Read`], [`Error::Json`] or [`Error::TooLarge`].
+/// [`crate::Error::Read`], [`crate::Error::Json`] or [`crate::Error::TooLarge`].
 pub fn read(folder: &Path) -> Result<Option<Exposures>> {
     let path = path_in(folder);
-    if path.is_file() { json::read(&path, &LIST).map(Some) } else { Ok(None) }
+    if within::holds(&path)? { json::read(&path, &LIST).map(Some) } else { Ok(None) }
 }
 
 /// Removes the exposures of an earlier training, if there are any.
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where the file cannot be removed.
+/// [`crate::Error::Write`], where the file cannot be removed.
 pub fn remove(folder: &Path) -> Result<()> {
-    let path = path_in(folder);
-    match fs::remove_file(&path) {
-        Err(cause) if cause.kind() != ErrorKind::NotFound => Err(Error::Write { path, cause }),
-        _ => Ok(()),
-    }
+    within::remove_file(&path_in(folder))
 }

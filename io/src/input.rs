@@ -3,6 +3,7 @@
 use crate::{
     budget::SCENE,
     error::{Error, Result},
+    within,
 };
 use std::{
     borrow::Cow,
@@ -47,7 +48,7 @@ impl<'a> Input<'a> {
     pub(crate) fn open(self) -> Result<BufReader<Opened<'a>>> {
         Ok(BufReader::new(match self.bytes {
             Some(bytes) => Opened::Memory(Cursor::new(bytes)),
-            None => Opened::File(File::open(self.path).map_err(Error::reading(self.path))?),
+            None => Opened::File(within::open(self.path)?),
         }))
     }
 

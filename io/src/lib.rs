@@ -17,6 +17,7 @@
 //! * [`exposure`]: exposures of the training photographs
 //! * [`checkpoint`]: the state of an interrupted training
 //! * [`budget`]: memory budgets of files, limits of picture sizes
+//! * [`within`]: folders from elsewhere, whose links lead nowhere that is written or removed
 //!
 //! ```
 //! use specula_core::scene::{Gaussians, Layout, MEAN, len_of_values};
@@ -80,6 +81,7 @@ pub mod spz;
 mod table;
 mod transforms;
 pub mod whole_file;
+pub mod within;
 
 pub use error::{Error, Result};
 pub use input::Input;

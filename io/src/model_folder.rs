@@ -15,6 +15,9 @@
 //!         checkpoint.safetensors                    training state; see [`crate::checkpoint`]
 //! ```
 //!
+//! What lies in these folders may be a link to a file elsewhere. Folders that are links are not
+//! written to ([`within`]). `results.lock` is locked while results are changed.
+//!
 //! `specula.json` names the shading function of the numbers and lists the iterations that were
 //! saved, the newest last, so that an older training of the same folder is not opened by mistake.
 
@@ -30,6 +33,7 @@ use crate::{
     origin,
     points_ply::{self, PointCloud},
     whole_file,
+    within::{self, holds, refuse_links, remove_file},
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -60,6 +64,10 @@ const PER_VIEW: &str = "per_view.json";
 const IDENTITY_METRIC: &str = "PSNR";
 /// File of metrics over the course of a training.
 const TIMELINE: &str = "timeline.json";
+/// File that is locked while those of metrics are read, changed and written.
+const RESULTS_LOCK: &str = "results.lock";
+/// Folders of which each iteration has one.
+const ITERATIONS: [&str; 3] = ["point_cloud", "light", "brdf_mlp"];
 
 /// Description of a model in `specula.json`: settings of its training and further facts.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -161,12 +169,28 @@ pub fn remove_unfinished(folder: &Path) {
     whole_file::remove_unfinished(folder, LEVELS);
 }
 
+/// Refuses a folder whose models are in folders elsewhere, which links lead to.
+///
+/// # Errors
+///
+/// [`Error::Link`].
+pub fn refuse_links_in(folder: &Path) -> Result<()> {
+    for iterations in ITERATIONS.map(|name| folder.join(name)) {
+        refuse_links(folder, &iterations)?;
+        for iteration in entries_in(&iterations).filter(|path| iteration_of(path).is_some()) {
+            refuse_links(folder, &iteration)?;
+        }
+    }
+    Ok(())
+}
+
 /// Writes a model at an iteration, which becomes the newest. Earlier iterations are kept.
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where a file cannot be written.
+/// [`Error::Write`], where a file cannot be written; [`Error::Link`].
 pub fn save(folder: &Path, iteration: u32, snapshot: &Snapshot<'_>) -> Result<()> {
+    refuse_links_in(folder)?;
     let mut saved = saved_or_none(folder);
     saved.retain(|earlier| *earlier != iteration);
     saved.push(iteration);
@@ -177,7 +201,7 @@ pub fn save(folder: &Path, iteration: u32, snapshot: &Snapshot<'_>) -> Result<()
     let near_field = near_field_at(folder, iteration);
     match snapshot.near_field {
         Some(surface) => near_field::write(&near_field, surface)?,
-        None => remove(&near_field)?,
+        None => remove_file(&near_field)?,
     }
     gaussian_ply::write(&gaussians_at(folder, iteration), snapshot.gaussians, snapshot.comments)
 }
@@ -218,15 +242,16 @@ pub fn holds_training(folder: &Path) -> bool {
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where a file cannot be removed.
+/// [`Error::Write`], where a file cannot be removed; [`Error::Link`].
 pub fn remove_training(folder: &Path) -> Result<()> {
+    refuse_links_in(folder)?;
     // Gaussians go first, so that a half-removed model cannot be opened.
-    for iterations in ["point_cloud", "light", "brdf_mlp"] {
-        remove_children(&folder.join(iterations), |name| name.starts_with("iteration_"))?;
+    for iterations in ITERATIONS {
+        remove_children(&folder.join(iterations), |path| iteration_of(path).is_some())?;
     }
     let files = [INFO, RESULTS, PER_VIEW, TIMELINE, "cameras.json", "input.ply", "cfg_args", "config.toml"];
     for file in files.map(|name| folder.join(name)).into_iter().chain([checkpoint::path_in(folder)]) {
-        remove(&file)?;
+        remove_file(&file)?;
     }
     exposure::remove(folder)?;
     // Pictures of the model: `<layer>/ours_N`, and `relight/<light>/ours_N`.
@@ -239,27 +264,24 @@ pub fn remove_training(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-fn is_of_method(name: &str) -> bool {
+fn is_of_method(folder: &Path) -> bool {
+    let name = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     name.strip_prefix("ours_").is_some_and(|rest| rest.starts_with(|digit: char| digit.is_ascii_digit()))
 }
 
 /// Subfolders without symbolic links; none where the folder cannot be read.
 fn folders_in(folder: &Path) -> Vec<PathBuf> {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    entries.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir())).map(|entry| entry.path()).collect()
+    entries_in(folder).filter(|path| path.is_dir() && !path.is_symlink()).collect()
 }
 
-fn remove_children(folder: &Path, is_ours: impl Fn(&str) -> bool) -> Result<()> {
-    let is_ours = |path: &PathBuf| path.file_name().and_then(|name| name.to_str()).is_some_and(&is_ours);
-    folders_in(folder).into_iter().filter(is_ours).try_for_each(|child| remove(&child))
+/// Paths of what is in a folder; none where it cannot be read.
+fn entries_in(folder: &Path) -> impl Iterator<Item = PathBuf> {
+    fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path())
 }
 
-fn remove(path: &Path) -> Result<()> {
-    let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
-    match removed {
-        Err(cause) if cause.kind() != io::ErrorKind::NotFound => Err(Error::Write { path: path.to_owned(), cause }),
-        _ => Ok(()),
-    }
+fn remove_children(folder: &Path, is_ours: impl Fn(&Path) -> bool) -> Result<()> {
+    let mut ours = folders_in(folder).into_iter().filter(|child| is_ours(child));
+    ours.try_for_each(|child| fs::remove_dir_all(&child).map_err(|cause| Error::Write { path: child, cause }))
 }
 
 fn save_light(folder: &Path, iteration: u32, light: &Environment<Vec<f32>>) -> Result<()> {
@@ -268,7 +290,7 @@ fn save_light(folder: &Path, iteration: u32, light: &Environment<Vec<f32>>) -> R
     if light.is_network() {
         network::write(&network_at(folder, iteration), light)?;
     } else {
-        remove(&network_at(folder, iteration))?;
+        remove_file(&network_at(folder, iteration))?;
     }
     let [width, height] = HDR_SIZE;
     let map = latlong::from_cube(&radiance, light.resolution, width, height, UpAxis::Y);
@@ -294,6 +316,7 @@ pub fn method_of(iteration: u32) -> String {
 ///
 /// An error of [`Error`] for files that cannot be read, parsed or written.
 pub fn save_quality(folder: &Path, method: &str, quality: &Quality) -> Result<()> {
+    let _lock = lock_results(folder)?;
     file_quality(folder, method, quality, Map::new(), [Map::new(), Map::new()])
 }
 
@@ -304,6 +327,7 @@ pub fn save_quality(folder: &Path, method: &str, quality: &Quality) -> Result<()
 ///
 /// An error of [`Error`] for files that cannot be read, parsed or written.
 pub fn add_quality(folder: &Path, method: &str, quality: &Quality, facts: Map<String, Value>) -> Result<()> {
+    let _lock = lock_results(folder)?;
     let [mut means, mut per_view] = [read_method(folder, RESULTS, method)?, read_method(folder, PER_VIEW, method)?];
     // Equal PSNR of every view identifies the same pictures and the same ground truth.
     let measured = quality.iter().find(|(measure, ..)| measure == IDENTITY_METRIC).map(|(_, _, views)| object(views));
@@ -311,6 +335,12 @@ pub fn add_quality(folder: &Path, method: &str, quality: &Quality, facts: Map<St
         (means, per_view) = Default::default();
     }
     file_quality(folder, method, quality, facts, [means, per_view])
+}
+
+/// Keeps other programs from changing the metrics of a folder until it is dropped; nothing where
+/// the file system has no locks.
+fn lock_results(folder: &Path) -> Result<Option<fs::File>> {
+    within::wait_for_lock(&folder.join(RESULTS_LOCK))
 }
 
 /// Writes metrics and `facts` over the earlier entries of a method.
@@ -348,6 +378,7 @@ fn read_method(folder: &Path, name: &str, method: &str) -> Result<Map<String, Va
 ///
 /// An error of [`Error`] for files that cannot be read, parsed or written.
 pub fn save_progress(folder: &Path, iteration: u32, seconds: f64, gaussians: usize, quality: &Quality) -> Result<()> {
+    let _lock = lock_results(folder)?;
     let mut facts = means_of(quality);
     facts.insert("seconds".into(), seconds.into());
     facts.insert("gaussians".into(), gaussians.into());
@@ -366,7 +397,7 @@ fn write(path: &Path, method: &str, value: Map<String, Value>) -> Result<()> {
 
 /// Entries of all methods; empty where the file does not exist.
 fn read_all(path: &Path) -> Result<Map<String, Value>> {
-    if path.is_file() { json::read(path, &FACTS) } else { Ok(Map::new()) }
+    if holds(path)? { json::read(path, &FACTS) } else { Ok(Map::new()) }
 }
 
 /// Newest iteration of a model: the last one of `specula.json`, or the highest on disk where it
@@ -430,13 +461,13 @@ pub fn open_iteration(folder: &Path, iteration: u32) -> Result<Model> {
     }
     let file = gaussian_ply::read(&path)?;
     let (light, is_relit) = read_light(folder, iteration)?;
-    let near_field = Some(near_field_at(folder, iteration)).filter(|path| path.is_file());
+    let near_field = near_field_at(folder, iteration);
     Ok(Model {
         gaussians: file.gaussians,
         comments: file.comments,
         notes: file.notes,
         light,
-        near_field: near_field.map(|path| near_field::read(&path)).transpose()?,
+        near_field: if holds(&near_field)? { Some(near_field::read(&near_field)?) } else { None },
         is_relit,
         info: read_info(folder)?.filter(|info| info.saved.is_empty() || info.saved.contains(&iteration)),
         iteration: Some(iteration),
@@ -480,17 +511,17 @@ fn iteration_of(folder: &Path) -> Option<u32> {
 /// [`Error::Read`], [`Error::Json`] or [`Error::TooLarge`].
 pub fn read_info(folder: &Path) -> Result<Option<ModelInfo>> {
     let path = folder.join(INFO);
-    if path.is_file() { json::read(&path, &FACTS).map(Some) } else { Ok(None) }
+    if holds(&path)? { json::read(&path, &FACTS).map(Some) } else { Ok(None) }
 }
 
 /// Reads the light, and whether it replaces the saved one.
 fn read_light(folder: &Path, iteration: u32) -> Result<(Option<Environment<Vec<f32>>>, bool)> {
     let (exact, hdr) = (light_at(folder, iteration), hdr_at(folder, iteration));
-    let exact = if exact.is_file() { Some(identity(latlong::read_cube_exr(&exact)?)) } else { None };
-    let map = if hdr.is_file() { Some(latlong::read(&hdr)?.0) } else { None };
+    let exact = if holds(&exact)? { Some(identity(latlong::read_cube_exr(&exact)?)) } else { None };
+    let map = if holds(&hdr)? { Some(latlong::read(&hdr)?.0) } else { None };
     let network = network_at(folder, iteration);
     let exact = match exact {
-        Some(exact) if network.is_file() => Some(network::read_beside(&network, &exact)?),
+        Some(exact) if holds(&network)? => Some(network::read_beside(&network, &exact)?),
         exact => exact,
     };
     Ok(match (exact, map) {

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use std::{
-    fs,
+    fs::{self, TryLockError},
     io::{self, BufWriter, Write},
     path::{Path, PathBuf},
 };
@@ -33,7 +33,7 @@ fn write_beside(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut fs::File>) ->
     let folder = folder_of(path);
     fs::create_dir_all(&folder)?;
 
-    let mut file = temporary(&folder)?;
+    let mut file = locked(&folder)?;
     let mut out = BufWriter::with_capacity(BUFFER_SIZE, file.as_file_mut());
     fill(&mut out)?;
     out.flush()?;
@@ -52,14 +52,38 @@ fn folder_of(path: &Path) -> PathBuf {
 }
 
 /// Removes temporary files that a killed program left in a folder and, down to `levels`, in its
-/// subfolders. Files that cannot be removed stay; they cost nothing but space.
-pub(crate) fn remove_unfinished(folder: &Path, levels: usize) {
+/// subfolders. Files that a program still writes stay, and those that cannot be removed, which cost
+/// nothing but space.
+pub fn remove_unfinished(folder: &Path, levels: usize) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     for entry in entries.flatten() {
-        if entry.file_name().to_string_lossy().starts_with(UNFINISHED) {
-            let _ = fs::remove_file(entry.path());
-        } else if levels > 0 && entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+        let Ok(kind) = entry.file_type() else { continue };
+        if kind.is_file() && entry.file_name().to_string_lossy().starts_with(UNFINISHED) {
+            remove_unlocked(&entry.path());
+        } else if levels > 0 && kind.is_dir() {
             remove_unfinished(&entry.path(), levels - 1);
+        }
+    }
+}
+
+fn remove_unlocked(path: &Path) {
+    if let Ok(file) = fs::File::open(path)
+        && file.try_lock().is_ok()
+    {
+        let _ = fs::remove_file(path);
+    }
+}
+
+/// Temporary file that is locked, where the file system has locks, until it is written or the
+/// program ends.
+fn locked(folder: &Path) -> io::Result<NamedTempFile> {
+    loop {
+        let file = temporary(folder)?;
+        match file.as_file().try_lock() {
+            // Whoever removes unfinished files may have met it before it was locked.
+            Ok(()) if !file.path().exists() => {}
+            Err(TryLockError::WouldBlock) => {}
+            _ => return Ok(file),
         }
     }
 }

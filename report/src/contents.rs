@@ -14,7 +14,13 @@ use specula_core::{
     vector::Vec3,
 };
 use specula_io::{model_folder::ModelInfo, origin, points_ply::PointCloud};
-use specula_scene::{OpenedModel, Scene, dataset::Dataset, environment::radiance, number::group_digits};
+use specula_scene::{
+    OpenedModel, Scene,
+    dataset::Dataset,
+    environment::radiance,
+    number::group_digits,
+    text::{printable, shown},
+};
 use specula_train::view::View;
 use std::path::Path;
 
@@ -28,7 +34,7 @@ pub struct Contents {
 
 impl Contents {
     fn new(kind: &str, path: &Path) -> Self {
-        let mut contents = Self { title: format!("{}: {kind}", path.display()), lines: Vec::new(), json: Map::new() };
+        let mut contents = Self { title: format!("{}: {kind}", shown(path)), lines: Vec::new(), json: Map::new() };
         contents.json.insert("kind".into(), kind.into());
         contents
     }
@@ -94,7 +100,7 @@ impl Contents {
 
     /// Text: a title, then a line for each fact.
     pub fn text(&self) -> String {
-        let lines = self.lines.iter().map(|(name, text)| format!("\n  {name:<16} {text}"));
+        let lines = self.lines.iter().map(|(name, text)| format!("\n  {name:<16} {}", printable(text)));
         format!("{}{}", self.title, lines.collect::<String>())
     }
 

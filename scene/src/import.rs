@@ -14,6 +14,7 @@ use specula_core::{
 };
 use specula_io::{
     Error, Input,
+    budget::RADIANCE_MAX,
     glb::{self, GlbScene, Shading},
     orientation::{Orientation, UpSource},
 };
@@ -94,9 +95,9 @@ fn shaded(plain: Scene, shading: Shading) -> Result<Scene, String> {
     }
     let light = match light {
         Some((values, resolution)) => {
-            let is_light = resolution.is_power_of_two() && values.iter().all(|x| x.is_finite() && *x >= 0.0);
+            let is_light = resolution.is_power_of_two() && values.iter().all(|x| (0.0..=RADIANCE_MAX).contains(x));
             let cube = Environment { resolution, activation: RadianceActivation::Identity, values };
-            Some(cube).filter(|_| is_light).ok_or("its light is not finite, or of no power of two of texels")?
+            Some(cube).filter(|_| is_light).ok_or("its light is no radiance, or of no power of two of texels")?
         }
         None => return Err("its shading has no light".to_owned()),
     };

@@ -31,6 +31,7 @@
 //! | [`camera_set`], [`orbit`] | cameras of a model, of a file, or around a scene |
 //! | [`backdrop`], [`layer`], [`rendering`], [`picture_folder`] | pictures as files |
 //! | [`light_file`], [`environment`], [`prefiltered`] | lights from files, and for other programs |
+//! | [`number`], [`text`] | numbers and names as they are shown |
 //! | [`lamps`], [`ground`] | suns and lamps, and surfaces that cast and catch their shadows |
 //! | [`export`], [`bake`], [`fusion`], [`upright`] | Gaussians and meshes for other programs |
 
@@ -63,7 +64,7 @@ mod renderer;
 pub mod rendering;
 mod scene;
 mod shading_model;
-mod text;
+pub mod text;
 pub mod training;
 pub mod upright;
 

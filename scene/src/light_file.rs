@@ -5,7 +5,7 @@ use glam::Vec3;
 use serde::Deserialize;
 use specula_core::scene::Environment;
 use specula_io::{
-    Input,
+    Input, budget,
     latlong::{self, LatLong, MapOrientation, UpAxis},
     picture,
 };
@@ -74,10 +74,11 @@ pub struct LightOptions {
 ///
 /// # Errors
 ///
-/// A file that cannot be read, or one with the faces of a cube.
+/// A file that cannot be read, one with the faces of a cube, or a light that is too bright.
 pub fn read(input: Input<'_>) -> Result<(LatLong, Vec<String>), SceneError> {
     let path = input.path();
     let (map, replaced) = latlong::read_from(input)?;
+    budget::radiance(path, &map.rgb)?;
     if map.height == 6 * map.width {
         return Err(SceneError::CubeMap(path.to_owned()));
     }

@@ -17,7 +17,7 @@ use specula_io::{
     glb,
     model_folder::{self, Model, ModelInfo},
     orientation::{Orientation, UpSource},
-    origin,
+    origin, within,
 };
 use specula_train::view::extent_of_cameras;
 use std::path::{Path, PathBuf};
@@ -126,8 +126,10 @@ impl OpenedModel {
     ///
     /// A `cameras.json` that cannot be read.
     pub fn cameras(&self) -> Result<Vec<NamedCamera>> {
-        let file = self.folder.as_ref().map(|folder| folder.join("cameras.json"));
-        let Some(file) = file.filter(|file| file.is_file()) else { return Ok(Vec::new()) };
+        let Some(file) = self.folder.as_ref().map(|folder| folder.join("cameras.json")) else { return Ok(Vec::new()) };
+        if !within::holds(&file)? {
+            return Ok(Vec::new());
+        }
         let mut cameras = cameras::read(&file)?;
         let near = near_of(extent_of_cameras(cameras.iter().map(|(_, camera)| camera)));
         cameras.iter_mut().for_each(|(_, camera)| camera.near = near);

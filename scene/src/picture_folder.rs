@@ -12,7 +12,7 @@ use specula_core::{
     cutoffs::{BlendOrder, ProjectionModel},
     pack::Storage,
 };
-use specula_io::{Result, cameras, model_folder::method_of};
+use specula_io::{Result, budget::LIST, cameras, model_folder::method_of, whole_file, within};
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -94,7 +94,8 @@ impl PictureFolder {
     ///
     /// # Errors
     ///
-    /// [`SceneError::NoFolder`] for a PLY file on its own, without a requested folder.
+    /// [`SceneError::NoFolder`] for a PLY file on its own, without a requested folder;
+    /// [`specula_io::Error::Link`] for pictures that would be written or removed elsewhere.
     pub fn of(
         opened: &OpenedModel,
         requested: Option<&Path>,
@@ -102,15 +103,17 @@ impl PictureFolder {
         set: &CameraSet,
         differences: &[String],
     ) -> core::result::Result<Self, SceneError> {
-        match (requested, &opened.folder, opened.iteration) {
-            (Some(folder), _, _) => Ok(Self { path: folder.to_owned(), rgb: "rgb" }),
+        let (root, pictures) = match (requested, &opened.folder, opened.iteration) {
+            (Some(folder), _, _) => (folder, Self { path: folder.to_owned(), rgb: "rgb" }),
             (None, Some(model), Some(iteration)) => {
                 let size = set.other_size.map(|[width, height]| format!("{width}x{height}"));
                 let name = [&[method_of(iteration)], differences, &Vec::from_iter(size)].concat().join("_");
-                Ok(Self { path: model.join(group).join(name), rgb: "renders" })
+                (model.as_path(), Self { path: model.join(group).join(name), rgb: "renders" })
             }
-            _ => Err(SceneError::NoFolder),
-        }
+            _ => return Err(SceneError::NoFolder),
+        };
+        every_name().try_for_each(|name| within::refuse_links(root, &pictures.path.join(name)))?;
+        Ok(pictures)
     }
 
     /// Path of a layer's picture of a view.
@@ -139,20 +142,22 @@ impl PictureFolder {
     ///
     /// # Errors
     ///
-    /// A list that cannot be written.
+    /// A list that cannot be written, or is no file.
     pub fn claim(&self, set: &CameraSet, layers: &[Layer], may_be_relit: bool) -> Result<()> {
+        whole_file::remove_unfinished(&self.path, 1);
         let path = self.path.join(CAMERAS);
-        let before = fs::read(&path).ok();
+        let is_listed = within::holds(&path)?;
+        let before = LIST.read(&path).ok();
         cameras::write(&path, &set.cameras, set.origin)?;
-        let now = fs::read(&path).ok();
-        if before.is_some() && (may_be_relit || before != now) {
-            let every: Vec<&str> = Layer::EACH.into_iter().map(Layer::name).chain(OTHERS).collect();
+        let is_same = before.is_some() && before == LIST.read(&path).ok();
+        if is_listed && (may_be_relit || !is_same) {
+            let every: Vec<&str> = every_name().collect();
             let removed = self.remove(&every, "png") + self.remove(&every, "exr");
-            if removed > 0 && before != now {
+            if removed > 0 && !is_same {
                 tracing::info!("removed {removed} pictures of other views from {:?}", self.path);
             }
             let _ = fs::remove_file(self.animation());
-        } else if before.is_some() {
+        } else if is_listed {
             self.remove(&layers.iter().map(|layer| self.folder_of(*layer)).collect::<Vec<_>>(), "exr");
         }
         Ok(())
@@ -171,6 +176,11 @@ impl PictureFolder {
         let numbered = files.map(|entry| entry.path()).filter(|path| is_numbered(path, extension));
         numbered.filter(|path| fs::remove_file(path).is_ok()).count()
     }
+}
+
+/// Name of every folder of pictures.
+fn every_name() -> impl Iterator<Item = &'static str> {
+    Layer::EACH.into_iter().map(Layer::name).chain(OTHERS)
 }
 
 /// Returns whether a file has a name of [`picture_name`] with this extension.

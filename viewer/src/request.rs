@@ -5,7 +5,7 @@ use axum::{extract::Query, http::Uri};
 use core::{fmt::Display, str::FromStr};
 use glam::Vec3;
 use serde::{Deserialize, de::DeserializeOwned};
-use specula_core::lamps::{DISTANCE_MAX, LIGHT_MAX, Lamp, RAYS, check};
+use specula_core::lamps::{Lamp, RAYS, check};
 use specula_scene::{
     Layer, Shading,
     lamps::{SphereChoice, SunChoice},
@@ -283,11 +283,7 @@ impl LampSetting {
             return Err(format!("rays is from 1 to {RAYS}"));
         }
         let setting = Self { suns, spheres, rays };
-        if check(&setting.lamps(Vec3::Z, 0.0), rays).is_err() {
-            return Err(format!(
-                "suns and lamps have a strength of at most {LIGHT_MAX}, and places and radii up to {DISTANCE_MAX}"
-            ));
-        }
+        check(&setting.lamps(Vec3::Z, 0.0), rays).map_err(|fault| fault.to_string())?;
         Ok(setting)
     }
 

@@ -2,6 +2,7 @@
 
 use core::{fmt, str::FromStr};
 use serde::{Serialize, Serializer};
+use specula_io::budget::RADIANCE_MAX;
 use std::path::PathBuf;
 
 /// Knowledge of a light before the training.
@@ -16,7 +17,7 @@ pub(crate) enum LightReference {
 impl fmt::Display for LightReference {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Map(path) => path.display().fmt(out),
+            Self::Map(path) => path.to_string_lossy().fmt(out),
             Self::Mean([red, green, blue]) if red == green && green == blue => red.fmt(out),
             Self::Mean([red, green, blue]) => write!(out, "{red},{green},{blue}"),
         }
@@ -41,10 +42,10 @@ impl FromStr for LightReference {
             Ok(&[red, green, blue]) => [red, green, blue],
             _ => return Ok(Self::Map(text.into())),
         };
-        if mean.iter().all(|number| *number > 0.0 && number.is_finite()) {
+        if mean.iter().all(|number| *number > 0.0 && *number <= RADIANCE_MAX) {
             Ok(Self::Mean(mean))
         } else {
-            Err("use a mean radiance above zero, or the file of a light".into())
+            Err(format!("use a mean radiance above zero, {RADIANCE_MAX:e} at most, or the file of a light"))
         }
     }
 }
@@ -61,7 +62,7 @@ mod tests {
         for file in ["probe.hdr", "./0.8", "1,2", "1,2,3,4", "a,b,c", ""] {
             assert_eq!(file.parse(), Ok(LightReference::Map(file.into())));
         }
-        for text in ["0", "-1", "nan", "inf", "1,0,1"] {
+        for text in ["0", "-1", "nan", "inf", "1e30", "1,0,1"] {
             assert!(text.parse::<LightReference>().is_err_and(|words| words.contains("above zero")), "{text}");
         }
         for text in ["0.8", "0.8,1,1.25"] {

@@ -6,13 +6,14 @@ use crate::{
     output,
 };
 use specula_report::comparison::{Comparison, Format, Measurement, Missing};
+use specula_scene::text::shown;
 
 /// Reads the files of every run, and prints or writes the table.
 pub(crate) fn run(args: &Compare) -> Result<(), Failure> {
     let format = format_of(args)?;
     let comparison = Comparison::read(&args.runs)?;
     if !comparison.is_measured() {
-        let first = args.runs[0].display();
+        let first = shown(&args.runs[0]);
         return Err(Failure::Input(format!("none of the runs was measured; run specula eval {first}, and so on")));
     }
     let warnings = warnings(&comparison);
@@ -32,7 +33,7 @@ fn advice(missing: &Missing) -> String {
         Measurement::Lpips => " --lpips FILE.onnx",
         Measurement::FittedExposure => " --exposure",
     };
-    let folder = missing.folder.display();
+    let folder = shown(&missing.folder);
     format!("{folder} has no {}; run specula eval {folder}{option}", missing.measure)
 }
 
@@ -40,13 +41,13 @@ fn advice(missing: &Missing) -> String {
 /// comparable.
 fn warnings(comparison: &Comparison) -> Vec<String> {
     let unmeasured = comparison.unmeasured().map(|(folder, iteration)| {
-        let folder = folder.display();
+        let folder = shown(folder);
         format!("{folder} holds iteration {iteration}, which was not measured; specula eval {folder} does")
     });
     let seen = comparison.without_held_out_views().map(|folder| {
         format!(
             "{} was trained without --eval, so on all views of its data set; its figures are of no new views",
-            folder.display()
+            shown(folder)
         )
     });
     unmeasured.chain(seen).chain(comparison.differences()).collect()

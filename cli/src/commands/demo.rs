@@ -9,6 +9,7 @@ use specula_core::rules::Channels;
 use specula_io::{
     dataset::LoadOptions,
     model_folder::{self, ModelInfo},
+    within,
 };
 use specula_report::{
     demo::{self, Pictures, TrainedScene},
@@ -18,6 +19,7 @@ use specula_scene::{
     ExecutorChoice, RenderOptions, SceneRenderer, ShadingModel,
     backdrop::BackgroundColor,
     dataset::{Dataset, cloud_of, named_cameras},
+    text::shown,
     training::{Lock, Start, Training, model_info},
 };
 use specula_train::{
@@ -55,7 +57,7 @@ pub(crate) fn run(args: &Demo) -> Result<(), Failure> {
     let line = |[name, rest @ ..]: &[String; 6]| {
         format!("{name:<8}{}", rest.iter().map(|cell| format!("{cell:>11}")).collect::<String>())
     };
-    output::say(&format!("{}\n\nPictures: {}", rows.iter().map(line).collect::<Vec<_>>().join("\n"), page.display()))
+    output::say(&format!("{}\n\nPictures: {}", rows.iter().map(line).collect::<Vec<_>>().join("\n"), shown(&page)))
 }
 
 /// Trains the shaded scene alone; returns the folder of its model.
@@ -81,6 +83,9 @@ fn refuse_to_hide(args: &Demo, name: &str) -> Result<(), Failure> {
 /// Creates the demo's folder and locks it against other trainings.
 fn lock(args: &Demo) -> Result<Lock, Failure> {
     output::make_folder(&args.output)?;
+    for name in PROFILES.into_iter().chain(["data", Pictures::FOLDER]) {
+        within::refuse_links(&args.output, &args.output.join(name))?;
+    }
     const REMEDY: &str = "wait until it ends, or name another folder with -o";
     Lock::take(&args.output).map_err(|error| Failure::locked(error, REMEDY))
 }

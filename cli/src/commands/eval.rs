@@ -12,7 +12,7 @@ use crate::{
 };
 use glam::Vec3;
 use specula_core::{camera::Camera, rules::Channels};
-use specula_io::{dataset::LoadOptions, materials::Materials, model_folder, picture};
+use specula_io::{dataset::LoadOptions, materials::Materials, model_folder, picture, within};
 use specula_report::{
     evaluation::{self, EvaluatedLight, EvaluatedView, Evaluation, RelitScene},
     lpips::LpipsNetwork,
@@ -26,6 +26,7 @@ use specula_scene::{
     dataset::{named_cameras, options_of},
     light_file::LightOptions,
     picture_folder::differences,
+    text::shown,
 };
 use specula_train::{evaluate::fitted_psnr, view::View};
 use std::{
@@ -52,6 +53,8 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     let network = args.lpips.as_deref().map(|path| trusted_network(path, &views)).transpose()?;
     let folder = page_folder(args, results.as_ref());
     if let Some(folder) = &folder {
+        let root = args.output.as_ref().or(opened.folder.as_ref()).unwrap_or(folder);
+        within::refuse_links(root, folder)?;
         output::make_folder(folder)?;
     }
 
@@ -120,7 +123,7 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     } else {
         output::say(&evaluation.summary())?;
         if let Some(folder) = &folder {
-            output::say(&format!("Page: {}", page_in(folder).display()))?;
+            output::say(&format!("Page: {}", shown(&page_in(folder))))?;
         }
     }
     Ok(kept?)
@@ -133,7 +136,7 @@ fn page_in(folder: &Path) -> PathBuf {
 fn write_page(folder: &Path, evaluation: &Evaluation) -> Result<(), Failure> {
     let page = evaluation::page(evaluation)?;
     for (path, bytes) in &page.pictures {
-        output::write_bytes(&folder.join(path), bytes)?;
+        output::write_within(folder, path, bytes)?;
     }
     output::write_text(&page_in(folder), &page.html)
 }

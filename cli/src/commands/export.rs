@@ -22,6 +22,7 @@ use specula_scene::{
     orbit::evenly_spaced,
     orientation,
     prefiltered::radiance_to_filter,
+    text::shown,
     upright::{AxisConvention, Upright},
 };
 use std::{
@@ -313,6 +314,6 @@ impl Exporter<'_> {
         let bytes = fs::metadata(path).map_err(|cause| Error::Read { path: path.to_owned(), cause })?.len();
         let origin = self.origin().map(|origin| format!("; positions are relative to the {origin}"));
         let (bytes, origin) = (group_digits(bytes as usize), origin.unwrap_or_default());
-        output::say(&format!("{}: {count}, {bytes} bytes; {losses}{origin}", path.display()))
+        output::say(&format!("{}: {count}, {bytes} bytes; {losses}{origin}", shown(path)))
     }
 }

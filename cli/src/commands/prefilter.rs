@@ -10,9 +10,10 @@ use specula_core::{
     prefilter::{Levels, MipRoughness},
     scene::Environment,
 };
-use specula_io::{Error, model_folder};
-use specula_scene::prefiltered::{
-    CubeFormat, LevelChain, PrefilteredLight, at_resolution, light_of_map, light_of_model,
+use specula_io::{Error, budget, model_folder};
+use specula_scene::{
+    prefiltered::{CubeFormat, LevelChain, PrefilteredLight, at_resolution, light_of_map, light_of_model},
+    text::shown,
 };
 use std::path::Path;
 
@@ -39,7 +40,7 @@ fn filter(args: &Prefilter, light: &Environment<Vec<f32>>) -> Result<(), Failure
     if args.previews {
         filtered.write_previews(&args.output)?;
     }
-    output::say(&args.output.display().to_string())
+    output::say(&shown(&args.output))
 }
 
 fn format_of(path: &Path) -> Result<CubeFormat, Failure> {
@@ -59,7 +60,9 @@ fn open(args: &Prefilter) -> Result<Environment<Vec<f32>>, Failure> {
             args.env
         ))
     })?;
-    Ok(at_resolution(&light_of_model(&light, args.exposure, args.up.axis()), args.resolution, args.chain()))
+    let light = light_of_model(&light, args.exposure, args.up.axis());
+    budget::radiance(&args.env, &light.values)?;
+    Ok(at_resolution(&light, args.resolution, args.chain()))
 }
 
 /// Requested levels.

@@ -23,6 +23,7 @@ use specula_scene::{
     orientation,
     picture_folder::{PictureFolder, differences},
     rendering::{FRAME_MS, PictureJob},
+    text::shown,
 };
 
 /// Renders the scene under the new light.
@@ -68,7 +69,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     if args.lights.turn_light.is_some() {
         let turning = TurningLight { plan: &plan, map: map.as_ref(), occluder: occluder.as_deref(), up, args };
         turning.render(opened, &set, &options, &folder)?;
-        return output::say(&folder.path.display().to_string());
+        return output::say(&shown(&folder.path));
     }
     let backdrop = backdrop_of(&args.views, &set, &opened, map.zip(Some(plan.orientation(up, 0.0))))?;
     let backdrop = plan.grounded(backdrop, &opened.scene, occluder.as_deref(), up);
@@ -88,7 +89,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
         Ok(())
     })?;
     if truths.is_none() {
-        return output::say(&folder.path.display().to_string());
+        return output::say(&shown(&folder.path));
     }
     let measured = RelightingQuality::of(&pairs, backdrop.color().0);
     if args.json {

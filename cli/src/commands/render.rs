@@ -23,6 +23,7 @@ use specula_scene::{
     orientation,
     picture_folder::{PictureFolder, differences, light_differences},
     rendering::{OmissionCheck, PictureJob},
+    text::shown,
 };
 use specula_train::view::View;
 use std::path::Path;
@@ -79,7 +80,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
         Some(check) => Ok(check.compare(&set.cameras[index].1, image)?),
         None => Ok(()),
     })?;
-    output::say(&folder.path.display().to_string())?;
+    output::say(&shown(&folder.path))?;
     check.map_or(Ok(()), |check| {
         output::say(&format!("largest difference: {}", check.largest()))?;
         refuse_omissions(&check)
@@ -132,7 +133,7 @@ fn render_within(error: f64, args: &Render, opened: &OpenedModel, job: &PictureJ
     let certified = CertifiedScene::new(&opened.scene, cameras, background, order, error, !args.no_verify)?;
     let mut renderer = certified.renderer(&opened.scene, Layer::channels(job.layers));
     render_pictures(job, &mut renderer, opened.scene.shading_model.shading.form, |_, _| Ok(()))?;
-    output::say(&job.folder.path.display().to_string())?;
+    output::say(&shown(&job.folder.path))?;
     output::say(certified.certificate())?;
     output::say(&certified::report(&certified))
 }

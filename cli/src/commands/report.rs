@@ -17,7 +17,7 @@ use specula_report::{
     certificate::subject_of,
     tradeoff::{self, LampSubject, Options, spread_cameras},
 };
-use specula_scene::{Scene, orientation};
+use specula_scene::{Scene, orientation, text::shown};
 use std::path::{Path, PathBuf};
 
 /// Measures a scene, prints the table and writes records and page.
@@ -33,14 +33,14 @@ pub(crate) fn run(args: &Report) -> Result<(), Failure> {
         let work = progress::work(title, steps);
         Box::new(move |done| work.done(done, String::new))
     };
-    let mut findings = tradeoff::measure(&model.display().to_string(), &subject, options, &progress)?;
+    let mut findings = tradeoff::measure(&shown(&model), &subject, options, &progress)?;
     let lit = LampSubject { scene: &scene, up, cameras: &subject.cameras, background: subject.background };
     findings.lamps = tradeoff::lamp_settings(&lit, args.repeats, &progress)?;
     output::write_text(&args.output.join("report.jsonl"), &tradeoff::records(&findings))?;
     let page = args.output.join("index.html");
     output::write_text(&page, &tradeoff::page(&findings)?)?;
     output::say(&tradeoff::markdown(&findings))?;
-    output::say(&format!("\nPage: {}", page.display()))
+    output::say(&format!("\nPage: {}", shown(&page)))
 }
 
 /// Shaded model of an earlier demo, else of a training in `folder`.

@@ -76,7 +76,8 @@ impl From<ViewerError> for Failure {
 fn print_urls(viewer: &Viewer) -> Result<(), Failure> {
     viewer.urls().iter().try_for_each(|url| output::say(url))?;
     if std::io::stderr().is_terminal() {
-        viewer.qr_code().iter().for_each(|code| tracing::info!("for a phone:\n{code}"));
+        let code = viewer.qr_code().map_or(String::new(), |code| format!("for a phone:\n{code}"));
+        code.lines().for_each(|line| tracing::info!("{line}"));
     }
     Ok(())
 }

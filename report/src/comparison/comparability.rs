@@ -6,6 +6,7 @@ use crate::comparison::{
 };
 use glam::Vec3;
 use specula_io::cameras::NamedCamera;
+use specula_scene::text::shown;
 
 /// Largest distance between cameras of equal views, relative to their distance from the origin.
 const POSITION_TOLERANCE: f32 = 1e-3;
@@ -16,7 +17,7 @@ pub(super) fn differences_in(scene: &str, runs: &[Run]) -> Vec<String> {
     let mut runs = runs.iter().filter(|run| run.scene == scene && run.measured.iter().any(Option::is_some));
     let Some(first) = runs.next() else { return Vec::new() };
     let sentences = |run: &Run| {
-        let folders = [first, run].map(|run| run.folder.display());
+        let folders = [first, run].map(|run| shown(&run.folder));
         let sentence = |verb: &str, [one, other]: [String; 2]| {
             format!("not comparable: {} was {verb} {one}, and {} {other}", folders[0], folders[1])
         };

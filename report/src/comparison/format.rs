@@ -1,6 +1,7 @@
 //! Tables as Markdown, CSV or LaTeX.
 
 use crate::comparison::table::{Cell, Head, Table};
+use specula_scene::text::printable;
 
 /// Text of a missing number.
 const MISSING: &str = "–";
@@ -18,10 +19,11 @@ pub enum Format {
 
 /// Tables as text, with warnings where the format has a place for them.
 pub(super) fn text(format: Format, tables: &[Table], warnings: &[String]) -> String {
+    let warnings: Vec<String> = warnings.iter().map(|warning| printable(warning)).collect();
     match format {
-        Format::Markdown => markdown(tables, warnings),
+        Format::Markdown => markdown(tables, &warnings),
         Format::Csv => csv(tables),
-        Format::Latex => latex(tables, warnings),
+        Format::Latex => latex(tables, &warnings),
     }
 }
 
@@ -45,7 +47,7 @@ fn markdown_line(cells: impl IntoIterator<Item = String>) -> String {
 }
 
 fn escaped_for_markdown(text: &str) -> String {
-    text.replace('|', "\\|")
+    printable(text).replace('|', "\\|")
 }
 
 /// Label, unit, and an arrow towards better values.
@@ -86,7 +88,8 @@ fn csv(tables: &[Table]) -> String {
 
 /// Field of CSV (RFC 4180).
 fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
+    let text = printable(text);
+    if text.contains([',', '"']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }
 }
 
 /// One `tabular`, which needs no package, after warnings as comments.
@@ -132,5 +135,5 @@ fn escaped_for_latex(text: &str) -> String {
         '&' | '%' | '$' | '#' | '_' | '{' | '}' => format!("\\{letter}"),
         other => other.to_string(),
     };
-    text.chars().map(escaped).collect()
+    printable(text).chars().map(escaped).collect()
 }

@@ -1,6 +1,7 @@
 //! Labels of runs in a table: the profile, and the settings in which runs differ.
 
 use crate::comparison::run::Run;
+use specula_scene::text::shown;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Settings of paths and of the execution, which do not change the result.
@@ -13,7 +14,7 @@ pub(super) fn labels(runs: &[Run]) -> Vec<String> {
     let profiles: Vec<String> = runs.iter().map(|run| run.profile.clone()).collect();
     let differing = differing(runs);
     let with_settings: Vec<String> = runs.iter().map(|run| profile_and_settings(run, &differing)).collect();
-    let folders = runs.iter().map(|run| run.folder.display().to_string()).collect();
+    let folders = runs.iter().map(|run| shown(&run.folder)).collect();
     [profiles, with_settings].into_iter().find(|labels| are_distinct(runs, labels)).unwrap_or(folders)
 }
 

@@ -11,7 +11,7 @@ use serde_json::{Map, Value};
 use specula_io::{
     budget::FACTS,
     cameras::{self, NamedCamera},
-    model_folder,
+    model_folder, within,
 };
 use std::{
     collections::BTreeMap,
@@ -107,10 +107,12 @@ impl Run {
         let mut timeline: Methods<TimelineEntry> = read_json(&folder.join("timeline.json"))?;
         let so_far = timeline.remove(&method).and_then(|Lenient(entry)| entry?.seconds.0);
         let in_total = info.as_ref().filter(|info| info.iterations == iteration).and(facts.seconds.0);
-        let source = info.as_ref().map(|info| info.source_path.clone()).or_else(|| source_in_cfg_args(folder));
-        let source = source.unwrap_or_default();
+        let source = match &info {
+            Some(info) => info.source_path.clone(),
+            None => source_in_cfg_args(folder)?.unwrap_or_default(),
+        };
         let downscale = info.as_ref().map(|info| f64::from(info.downscale.max(1)));
-        let settings = settings_of(folder);
+        let settings = settings_of(folder)?;
         let number = |name: &str| results.numbers.get(name)?.0;
         let held_nothing_out = measured_at.is_some() && facts.test_views.0 == Some(0.0);
         // Test views come first among the cameras of a model, if it has any.
@@ -192,7 +194,7 @@ struct Facts {
 
 /// JSON object of a file; empty if there is no file.
 fn read_json<T: DeserializeOwned + Default>(path: &Path) -> Result<T> {
-    if !path.is_file() {
+    if !within::holds(path)? {
         return Ok(T::default());
     }
     let bytes = FACTS.read(path)?;
@@ -202,22 +204,25 @@ fn read_json<T: DeserializeOwned + Default>(path: &Path) -> Result<T> {
 /// The first cameras of a model.
 fn first_views(folder: &Path, count: usize) -> Result<Vec<NamedCamera>> {
     let path = folder.join("cameras.json");
-    let mut views = if path.is_file() { cameras::read(&path)? } else { Vec::new() };
+    let mut views = if within::holds(&path)? { cameras::read(&path)? } else { Vec::new() };
     views.truncate(count);
     Ok(views)
 }
 
 /// Settings of the run; empty if unknown.
-fn settings_of(folder: &Path) -> toml::Table {
-    let text = fs::read_to_string(folder.join("config.toml")).unwrap_or_default();
-    text.parse().unwrap_or_default()
+fn settings_of(folder: &Path) -> Result<toml::Table> {
+    let path = folder.join("config.toml");
+    let text = if within::holds(&path)? { FACTS.read(&path)? } else { Vec::new() };
+    toml::from_slice(&text).map_err(|error| Error::Input(format!("cannot understand {path:?}: {}", error.message())))
 }
 
 /// Data set of a run of INRIA's program, from `cfg_args`.
-fn source_in_cfg_args(folder: &Path) -> Option<String> {
-    let text = fs::read_to_string(folder.join("cfg_args")).ok()?;
-    let (_, rest) = text.split_once("source_path='")?;
-    rest.split_once('\'').map(|(source, _)| source.to_owned())
+fn source_in_cfg_args(folder: &Path) -> Result<Option<String>> {
+    let path = folder.join("cfg_args");
+    let text = if within::holds(&path)? { FACTS.read(&path)? } else { Vec::new() };
+    let text = String::from_utf8_lossy(&text);
+    let source = text.split_once("source_path='").and_then(|(_, rest)| rest.split_once('\''));
+    Ok(source.map(|(source, _)| source.to_owned()))
 }
 
 fn last_component(path: &Path) -> Option<String> {
@@ -227,7 +232,7 @@ fn last_component(path: &Path) -> Option<String> {
 
 /// Number of Gaussians of a PLY file, from its header.
 fn count_in(path: &Path) -> Option<f64> {
-    let file = fs::File::open(path).ok()?.take(HEADER_LEN_MAX);
+    let file = within::open(path).ok()?.take(HEADER_LEN_MAX);
     let lines = BufReader::new(file).lines().take(HEADER_LINES_MAX);
     let mut header = lines.map_while(core::result::Result::ok).take_while(|line| line.trim() != "end_header");
     header.find_map(|line| line.strip_prefix("element vertex ")?.trim().parse().ok())

@@ -6,6 +6,7 @@ use crate::{
     html::Table,
 };
 use askama::Template;
+use specula_scene::text::shown;
 use std::path::Path;
 
 /// HTML of the page, which requests nothing from outside its folder. The first of `rows` are the
@@ -20,7 +21,7 @@ pub fn page<const N: usize>(
     iterations: u32,
     pictures: &Pictures,
 ) -> Result<String> {
-    let folder = folder.display().to_string();
+    let folder = shown(folder);
     Ok(Page { folder, iterations, trainings: Table::with_heads(rows), pictures }.render()?)
 }
 

@@ -28,8 +28,6 @@ const LAYERS: [(Layer, &str); 5] = [
     (Layer::Roughness, "roughness, black is a mirror"),
     (Layer::Normal, "normals"),
 ];
-/// Folder of the pictures, relative to the page.
-const FOLDER: &str = "pictures";
 /// Mean error of a pixel that has the brightest colour, on a scale from 0 to 1.
 const ERROR_MAX: f32 = 0.25;
 /// Width and height of pictures of lights.
@@ -58,6 +56,8 @@ pub struct Pictures {
 }
 
 impl Pictures {
+    /// Folder of the pictures, beside the page.
+    pub const FOLDER: &str = "pictures";
     /// Number of steps of [`Pictures::write`].
     pub const STEPS: u64 = 5;
 
@@ -103,7 +103,7 @@ fn views_named<'a>(test: &'a [View], names: &'a [&str]) -> impl Iterator<Item = 
 
 /// Writes a picture of the page.
 fn figure(folder: &Path, name: &str, image: &RgbImage, caption: impl Into<String>) -> Result<Figure> {
-    let file = format!("{FOLDER}/{name}.png");
+    let file = format!("{}/{name}.png", Pictures::FOLDER);
     picture::write(&folder.join(&file), image)?;
     Ok(Figure { file, caption: caption.into(), size: [image.width(), image.height()] })
 }

@@ -13,7 +13,7 @@ use crate::{
 };
 use askama::Template;
 use core::cmp::Ordering;
-use specula_scene::number::group_digits;
+use specula_scene::{number::group_digits, text};
 
 /// Most views on the page: those with the least PSNR.
 const VIEWS_MAX: usize = 200;
@@ -97,7 +97,7 @@ impl Page {
         let relit = || Table::new(heads, evaluation.relit.iter().map(RelitScene::cells));
         let shown = order.iter().take(VIEWS_MAX);
         Self {
-            scene: evaluation.scene.display().to_string(),
+            scene: text::shown(&evaluation.scene),
             facts: facts(evaluation),
             means: ranges.table(),
             albedo_scale: evaluation.albedo_scale.map(|scale| scale.map(|factor| format!("{factor:.3}")).join(", ")),

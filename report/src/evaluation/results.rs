@@ -9,6 +9,7 @@ use crate::{
     measure::{self, ViewMeasures},
 };
 use serde_json::{Map, Value};
+use specula_scene::text::printable;
 use std::path::PathBuf;
 
 /// Key of the network of LPIPS in `results.json`.
@@ -95,6 +96,6 @@ impl Evaluation {
         let light = self.light.as_ref().map(|light| light.quality.summary());
         let lines = core::iter::once(first).chain(albedo).chain(light);
         let lines = lines.chain(self.relit.iter().map(RelitScene::summary));
-        lines.collect::<Vec<_>>().join("\n")
+        lines.map(|line| printable(&line)).collect::<Vec<_>>().join("\n")
     }
 }

@@ -3,9 +3,9 @@
 use crate::SceneError;
 use core::time::Duration;
 use serde::{Deserialize, Serialize};
-use specula_io::{Error, Result, model_folder};
+use specula_io::{Result, budget::FACTS, model_folder, within};
 use std::{
-    fs::{self, File, OpenOptions, TryLockError},
+    fs::{self, File, TryLockError},
     io::{self, Write},
     path::{Path, PathBuf},
     time::SystemTime,
@@ -41,7 +41,7 @@ impl Lock {
     /// [`SceneError::Locked`] if another program holds the lock, [`SceneError::File`] if the folder
     /// cannot be written to.
     pub fn take(folder: &Path) -> core::result::Result<Self, SceneError> {
-        match locked(folder)? {
+        match within::lock(&folder.join(NAME))? {
             Ok(file) => Ok(Self::held(folder, file)),
             Err(TryLockError::WouldBlock) => Err(SceneError::Locked(holder_message(folder))),
             Err(TryLockError::Error(cause)) => {
@@ -59,7 +59,7 @@ impl Lock {
     ///
     /// A folder that cannot be written to.
     pub fn take_or_warn(folder: &Path) -> Result<Self> {
-        if let Ok(file) = locked(folder)? {
+        if let Ok(file) = within::lock(&folder.join(NAME))? {
             return Ok(Self::held(folder, file));
         }
         tracing::warn!("{}; it is written to all the same", holder_message(folder));
@@ -83,21 +83,14 @@ impl Drop for Lock {
     }
 }
 
-/// Locks the file of a folder.
-fn locked(folder: &Path) -> Result<core::result::Result<File, TryLockError>> {
-    let path = folder.join(NAME);
-    let opened = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
-    let file = opened.map_err(|cause| Error::Write { path, cause })?;
-    Ok(file.try_lock().map(|()| file))
-}
-
 /// Writes the holder: this program.
 fn sign(file: &mut File) -> io::Result<()> {
     let words: Vec<String> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
     let holder = Holder {
         pid: std::process::id(),
         host: host(),
-        started: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
+        // A clock without a battery may stand before 1970, which the format does not know.
+        started: humantime::format_rfc3339_seconds(SystemTime::now().max(SystemTime::UNIX_EPOCH)).to_string(),
         command: words.join(" "),
     };
     file.set_len(0)?;
@@ -114,8 +107,8 @@ fn host() -> String {
 
 /// Sentence that names the holder of a folder's lock.
 fn holder_message(folder: &Path) -> String {
-    let text = fs::read_to_string(folder.join(NAME)).unwrap_or_default();
-    let holder = match serde_json::from_str(&text) {
+    let text = FACTS.read(&folder.join(NAME)).unwrap_or_default();
+    let holder = match serde_json::from_slice(&text) {
         Ok(Holder { pid, host, started, command }) => {
             let since = humantime::parse_rfc3339(&started).ok().and_then(|start| start.elapsed().ok());
             let since = since.map_or(String::new(), |since| {

@@ -13,7 +13,7 @@ pub(super) fn unpack(folder: &Path) -> Result<(), Failure> {
 
 fn unpack_all(from: &Dir<'_>, folder: &Path) -> Result<(), Failure> {
     for file in from.files() {
-        output::write_bytes(&folder.join(file.path()), file.contents())?;
+        output::write_within(folder, file.path(), file.contents())?;
     }
     from.dirs().try_for_each(|dir| unpack_all(dir, folder))
 }

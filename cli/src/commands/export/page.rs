@@ -9,7 +9,7 @@ use specula_core::{
 use specula_io::{latlong, picture};
 use specula_scene::{
     RenderOptions, Scene, SceneRenderer, export::visible, light_file::MapUp, number::group_digits, orbit::StartView,
-    orientation,
+    orientation, text::shown,
 };
 use specula_viewer::{PackPrecision, PackedLight, PackedScene, ViewedScene, WebPage, WebRenderer};
 use std::path::{Path, PathBuf};
@@ -57,7 +57,7 @@ impl Exporter<'_> {
         };
         files.iter().try_for_each(|(file, contents)| output::write_bytes(file, contents))?;
         let bytes: usize = files.iter().map(|(_, contents)| contents.len()).sum();
-        let (path, count, bytes) = (path.display(), group_digits(count), group_digits(bytes));
+        let (path, count, bytes) = (shown(path), group_digits(count), group_digits(bytes));
         output::say(&format!("{path}: page, {count} Gaussians, {bytes} bytes; {error}"))
     }
 

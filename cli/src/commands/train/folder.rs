@@ -16,10 +16,12 @@ use specula_train::{
 };
 use std::path::Path;
 
-/// Locks the model folder.
+/// Locks the model folder, of which no link leads elsewhere.
 pub(super) fn lock(args: &Train) -> Result<Lock, Failure> {
     const REMEDY: &str = "wait until it ends, name another folder with -m, or add --ignore-lock if it is gone";
     let folder = &args.model_path;
+    // At the start, and not when a model is saved after hours.
+    model_folder::refuse_links_in(folder)?;
     match args.resuming.ignore_lock {
         true => Ok(Lock::take_or_warn(folder)?),
         false => Lock::take(folder).map_err(|error| Failure::locked(error, REMEDY)),

@@ -9,7 +9,8 @@ use crate::{
     output,
     ranks::Ranks,
 };
-use specula_io::{budget::FACTS, checkpoint, model_folder};
+use specula_io::{budget::FACTS, checkpoint, model_folder, within};
+use specula_scene::text::printable;
 use std::path::Path;
 
 /// Outcome of a training that did not fail.
@@ -28,7 +29,7 @@ enum Outcome {
 pub(crate) fn list(manifest: &Manifest) -> Result<(), Failure> {
     manifest.tasks.iter().try_for_each(|task| {
         let words: Vec<String> = task.words.iter().map(|word| shell_word(word)).collect();
-        output::say(&format!("specula {}", words.join(" ")))
+        output::say(&printable(&format!("specula {}", words.join(" "))))
     })
 }
 
@@ -99,7 +100,7 @@ fn is_finished(args: &Train) -> Result<bool, Failure> {
 
 fn is_measured(folder: &Path, iteration: u32) -> Result<bool, Failure> {
     let path = folder.join("results.json");
-    if !path.is_file() {
+    if !within::holds(&path)? {
         return Ok(false);
     }
     let results: serde_json::Value = serde_json::from_slice(&FACTS.read(&path)?).unwrap_or_default();
