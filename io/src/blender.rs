@@ -5,13 +5,16 @@ use crate::{
     listing::{Listing, LoadOptions},
     masks,
     materials::MaterialFiles,
-    named::Files,
+    named::{Files, plain_path},
     nerfstudio,
-    photographs::{Folders, found, note_idle_rule},
+    photographs::{Folders, found, note_idle_rule, some_of},
     shot::{NormalFiles, Shot},
-    transforms::Transforms,
+    transforms::{Frame, Transforms},
 };
-use std::path::{Path, PathBuf};
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+};
 
 /// List of training views, which identifies the format.
 pub(crate) const TRAIN: &str = "transforms_train.json";
@@ -30,10 +33,12 @@ pub(crate) fn list(files: &Files, options: &LoadOptions) -> Result<Listing> {
     let images = options.other_images().unwrap_or(Path::new("")).to_owned();
     let folders = Folders { files, images };
     let test = read_test(&files.root, &mut notes)?;
-    let mut shots = find(&train, &folders, options, &mut notes)?;
+    let trained = placed(&train, files, options, &mut notes);
+    let mut shots = find(&train, &trained, &folders, options, &mut notes)?;
     let train_count = shots.len();
     if let Some(test) = &test {
-        shots.extend(find_test(test, &folders, options, &mut notes)?);
+        let held_out = apart(placed(test, files, options, &mut notes), &trained, &mut notes);
+        shots.extend(find_test(test, &held_out, &folders, options, &mut notes)?);
     }
     let masks = masks::assign(files, &folders.images, &mut shots, &mut notes);
     note_idle_rule(options, &mut notes);
@@ -64,17 +69,38 @@ fn read_test(folder: &Path, notes: &mut Vec<String>) -> Result<Option<Transforms
     }
 }
 
+/// Frames of a list with the paths of their images.
+type Placed<'a> = Vec<(&'a Frame, PathBuf)>;
+
+fn placed<'a>(list: &'a Transforms, files: &Files, options: &LoadOptions, notes: &mut Vec<String>) -> Placed<'a> {
+    list.frames.iter().zip(list.places(files, options, notes)).collect()
+}
+
+/// Frames without those that have got the image of a training view, which has another name.
+fn apart<'a>(held_out: Placed<'a>, trained: &Placed<'_>, notes: &mut Vec<String>) -> Placed<'a> {
+    let trained: HashMap<&Path, &str> =
+        trained.iter().map(|(frame, place)| (place.as_path(), frame.file_path.as_str())).collect();
+    let is_apart = |(frame, place): &(&Frame, PathBuf)| {
+        trained.get(place.as_path()).is_none_or(|name| plain_path(name) == plain_path(&frame.file_path))
+    };
+    let (apart, others): (Placed<'_>, Placed<'_>) = held_out.into_iter().partition(is_apart);
+    if !others.is_empty() {
+        let names: Vec<&str> = others.iter().map(|(frame, _)| frame.file_path.as_str()).collect();
+        notes.push(format!("skipped {} test views without an image of their own: {}", names.len(), some_of(&names)));
+    }
+    apart
+}
+
 /// Finds the images of a list, in its order.
 fn find(
-    transforms: &Transforms,
+    list: &Transforms,
+    frames: &Placed<'_>,
     folders: &Folders<'_>,
     options: &LoadOptions,
     notes: &mut Vec<String>,
 ) -> Result<Vec<(PathBuf, Shot)>> {
-    let places = transforms.places(folders.files, options, notes);
-    let frames = transforms.frames.iter().zip(places);
     // Sizes in these lists may belong to larger images of another shape.
-    let posed: Result<Vec<_>> = frames.map(|(frame, image)| transforms.posed(frame, image, None)).collect();
+    let posed: Result<Vec<_>> = frames.iter().map(|(frame, image)| list.posed(frame, image.clone(), None)).collect();
     found(posed?, folders, options, notes)
 }
 
@@ -82,11 +108,15 @@ fn find(
 /// none.
 fn find_test(
     test: &Transforms,
+    frames: &Placed<'_>,
     folders: &Folders<'_>,
     options: &LoadOptions,
     notes: &mut Vec<String>,
 ) -> Result<Vec<(PathBuf, Shot)>> {
-    let mut shots = match find(test, folders, options, notes) {
+    if frames.is_empty() {
+        return Ok(Vec::new());
+    }
+    let mut shots = match find(test, frames, folders, options, notes) {
         Err(error @ (Error::NoImages { .. } | Error::UnreadFormat { .. })) => {
             notes.push(format!("there are no test views of {:?}: {error}", test.path()));
             Vec::new()

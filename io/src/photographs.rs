@@ -135,7 +135,7 @@ pub(crate) fn list(
     }
     listing.held_out = match held_out {
         HeldOut::Every(0) => "none".into(),
-        HeldOut::Every(every) => format!("every {every}th by name, from the first"),
+        HeldOut::Every(every) => format!("the first of every {every} by name"),
         HeldOut::Named(_) => "named by the list".into(),
     };
     if matches!(held_out, HeldOut::Named(_)) {
@@ -148,7 +148,7 @@ pub(crate) fn list(
 pub(crate) fn note_idle_rule(options: &LoadOptions, notes: &mut Vec<String>) {
     if options.test_every != TEST_EVERY {
         let every = options.test_every;
-        notes.push(format!("lists decide which views are held out, and not that every {every}th is"));
+        notes.push(format!("lists decide which views are held out, and not one of every {every}"));
     }
 }
 

@@ -29,6 +29,8 @@ const RIGID_TOLERANCE: f64 = 1e-3;
 /// Tolerance for numbers of three decimals: products of columns are off by 1.7e-3 at most, and the
 /// mean length by as much a third of the time.
 const COARSE_TOLERANCE: f64 = 2.5e-3;
+/// Most entries of an object that are told.
+const KEYS_MAX: usize = 16;
 /// Entries that change neither pictures nor cameras: what programs note for themselves, and how
 /// they place a scene in their own worlds.
 const IDLE_KEYS: [&str; 17] = [
@@ -116,7 +118,7 @@ impl<'de> Visitor<'de> for Keys {
 
     fn visit_map<A: MapAccess<'de>>(mut self, mut entries: A) -> core::result::Result<Self, A::Error> {
         while let Some((key, IgnoredAny)) = entries.next_entry::<String, _>()? {
-            if !IDLE_KEYS.contains(&key.as_str()) {
+            if !IDLE_KEYS.contains(&key.as_str()) && self.0.len() < KEYS_MAX {
                 self.0.push(key);
             }
         }

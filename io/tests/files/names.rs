@@ -107,6 +107,15 @@ fn several_pictures_that_may_be_meant_are_told_and_none_is_taken() {
 }
 
 #[test]
+fn test_views_do_not_get_the_pictures_of_training_views() {
+    let folder = data_set("transforms_train.json", &["/data/train/r_0"], &["images/r_0.png"], json!({}));
+    fs::write(folder.path().join("transforms_test.json"), list(&["/data/test/r_0"], json!({}))).unwrap();
+    let data = load(&folder);
+    assert_eq!(pictures(&data), [10]);
+    assert_says(&remark(&data), &["skipped 1 test views without an image of their own: \"/data/test/r_0\""]);
+}
+
+#[test]
 fn colmap_names_pictures_on_windows_and_one_of_them_twice() {
     let names = [r"cam\a.png", r"cam\b.png", r"D:\photos\cam\b.png"];
     let scene = Scene { images: names.map(|name| (name, 1)).to_vec(), ..Scene::pinhole() };
@@ -136,7 +145,7 @@ fn split_lists_and_masks_and_points_may_be_named_on_windows() {
     assert_eq!((names(&data.train), names(&data.test)), (vec!["a"], vec!["b"]));
     assert!(data.train[0].image.rgba.chunks(4).all(|pixel| pixel == UNKNOWN), "its mask is black");
     assert_eq!(data.points.as_ref().unwrap().colors, [[0.0, 0.2, 1.0]]);
-    let parts = ["1 names of train_filenames", "\"nothing.png\"", "1 of 2 pictures have no mask", "not that every 3th"];
+    let parts = ["1 names of train_filenames", "\"nothing.png\"", "1 of 2 pictures have no mask", "not one of every 3"];
     assert_says(&remark(&data), &parts);
 }
 
