@@ -14,9 +14,13 @@ use specula_core::{
 /// Smallest scale whose logarithm is taken, in world units.
 pub(crate) const SCALE_MIN: f64 = 1e-12;
 
-/// Maps plain Gaussians, in place.
-pub(crate) fn map(gaussians: &mut Gaussians<Vec<f32>>, map: DAffine3) {
-    let turn = sh_turn::turn(orthogonal_part(map.matrix3).transpose().to_cols_array_2d());
+/// Difference from an orthogonal matrix and one scale, relative, up to which a map is of them.
+pub(crate) const UNIFORM: f64 = 1e-3;
+
+/// Maps plain Gaussians, in place. Returns whether harmonics go with the map without loss.
+pub(crate) fn map(gaussians: &mut Gaussians<Vec<f32>>, map: DAffine3) -> bool {
+    let orthogonal = orthogonal_part(map.matrix3);
+    let turn = sh_turn::turn(orthogonal.transpose().to_cols_array_2d());
     let (start, count) = (gaussians.layout.sh_start(), gaussians.layout.sh_count());
     for index in 0..gaussians.count {
         let mean = DVec3::from(gaussians.get::<3>(index, MEAN).map(f64::from));
@@ -30,6 +34,8 @@ pub(crate) fn map(gaussians: &mut Gaussians<Vec<f32>>, map: DAffine3) {
         let harmonics = sh_turn::turned(&turn, &harmonics);
         (0..count).for_each(|k| gaussians.set(index, start + 3 * k, harmonics[k]));
     }
+    let scale = map.matrix3.determinant().abs().cbrt();
+    map.matrix3.abs_diff_eq(orthogonal * scale, UNIFORM * scale)
 }
 
 /// Orthogonal matrix Q of the polar decomposition A = Q (Aᵀ A)^½.

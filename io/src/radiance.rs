@@ -51,7 +51,9 @@ impl Header {
                     return Err(broken(&format!("its format {format:?} is not 32-bit_rle_rgbe or 32-bit_rle_xyze")));
                 }
                 Some((key, value)) if !is_neutral(key, value) => {
-                    notes.push(format!("{path:?} has {key}={value} in its header, which is not applied"));
+                    notes.push(format!(
+                        "{path:?} has {key}={value} in its header, which is not applied; --exposure brightens a light"
+                    ));
                 }
                 _ => {}
             }

@@ -508,6 +508,29 @@ const GLB: Target = Target {
     needs_its_end: true,
 };
 
+/// The same as text with a buffer in it: six Gaussians, all numbers of which are zero.
+const GLTF: Target = Target {
+    file: "a.gltf",
+    make: |folder| {
+        let of = |name: &str| format!("\"KHR_gaussian_splatting:{name}\"");
+        let [rotation, scale, opacity, color] = ["ROTATION", "SCALE", "OPACITY", "SH_DEGREE_0_COEF_0"].map(of);
+        let accessor = |kind: &str| format!(r#"{{"bufferView":0,"componentType":5126,"count":6,"type":"{kind}"}}"#);
+        let text = format!(
+            r#"{{"meshes":[{{"primitives":[{{"extensions":{{"KHR_gaussian_splatting":{{}}}},"attributes":{{"POSITION":0,
+            {scale}:0,{color}:0,{rotation}:1,{opacity}:2}}}}]}}],"nodes":[{{"mesh":0,"children":[1]}},{{"mesh":0,
+            "matrix":[1,0,0,0,0,2,0,0,0,0,1,0,0,0,0,1]}}],"scenes":[{{"nodes":[0]}}],"accessors":[{},{},{}],
+            "bufferViews":[{{"buffer":0,"byteLength":96}}],"buffers":[{{"uri":"data:;base64,{}","byteLength":96}}]}}"#,
+            accessor("VEC3"),
+            accessor("VEC4"),
+            accessor("SCALAR"),
+            "A".repeat(128),
+        );
+        fs::write(folder.join("a.gltf"), text).unwrap();
+    },
+    read: |folder| glb::read(Input::file(&folder.join("a.gltf"))).map(|_| ()).map_err(sentence),
+    ..GLB
+};
+
 const NETWORK: Target = Target {
     file: "a.onnx",
     make: |folder| {
@@ -578,6 +601,7 @@ macro_rules! targets {
 targets! {
     gaussians: GAUSSIANS;
     gltf: GLB;
+    gltf_text: GLTF;
     points: POINTS;
     text_points: TEXT_POINTS;
     checkpoints: CHECKPOINT;

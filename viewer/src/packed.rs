@@ -188,12 +188,18 @@ impl PackedScene {
         [MAGIC.as_slice(), &len, &header, &writer.bytes].concat()
     }
 
-    /// Scene of a `.glb` with Gaussians, by the name of its file.
+    /// Scene of a file: of [`PackedScene::pack`], or of glTF with Gaussians.
     ///
     /// # Errors
     ///
     /// A sentence on the first fault.
-    pub fn of_glb(name: &str, bytes: &[u8]) -> Result<Self, ViewerError> {
+    pub fn open(name: &str, bytes: &[u8]) -> Result<Self, ViewerError> {
+        let is_gltf = bytes.starts_with(b"glTF") || name.to_ascii_lowercase().ends_with(".gltf");
+        if is_gltf { Self::of_glb(name, bytes) } else { Self::unpack(bytes) }
+    }
+
+    /// Scene of glTF with Gaussians.
+    fn of_glb(name: &str, bytes: &[u8]) -> Result<Self, ViewerError> {
         let (scene, orientation, notes) = import::scene_of_glb(Input::memory(name, bytes))?;
         let kind = match (scene.gaussians.layout.is_physical, scene.gaussians.layout.is_shaded()) {
             (true, _) => "physical materials, relightable",
@@ -203,7 +209,7 @@ impl PackedScene {
         let notes: String = notes.iter().map(|note| format!(" Note: {note}.")).collect();
         let caption = format!("{} Gaussians of {name}, {kind}.{notes}", group_digits(scene.gaussians.count));
         let viewed = ViewedScene {
-            name: name.strip_suffix(".glb").unwrap_or(name).to_owned(),
+            name: name.strip_suffix(".glb").or(name.strip_suffix(".gltf")).unwrap_or(name).to_owned(),
             scene,
             views: Vec::new(),
             held_out: 0,

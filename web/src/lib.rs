@@ -73,8 +73,7 @@ impl WebViewer {
     /// Opens a packed scene, or a `.glb` of a name, on the adapter that the browser prefers: a
     /// promise of a viewer.
     pub fn open(name: &str, bytes: &[u8]) -> Promise {
-        let packed =
-            if bytes.starts_with(b"glTF") { PackedScene::of_glb(name, bytes) } else { PackedScene::unpack(bytes) };
+        let packed = PackedScene::open(name, bytes);
         future_to_promise(async move {
             let packed = packed.map_err(thrown)?;
             let gpu = Gpu::request().await.map_err(|error| thrown(SceneError::from(error).into()))?;

@@ -4,12 +4,10 @@ use super::{
     SPLATTING,
     document::{File, Node, Primitive},
 };
-use crate::error::Result;
+use crate::{affine::UNIFORM, error::Result};
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
 use std::collections::HashSet;
 
-/// Difference from a rotation and one scale, relative, up to which a transform is of them.
-const UNIFORM: f64 = 1e-3;
 /// Extension that repeats the mesh of a node.
 const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 /// Most lists of Gaussians of a scene; nodes may repeat lists.

@@ -102,12 +102,12 @@ impl File<'_> {
         let mut lists = Vec::with_capacity(placed.len());
         for list in placed {
             let mut gaussians = self.gaussians(list.primitive, &mut notes)?;
-            affine::map(&mut gaussians, list.world);
+            let is_exact = affine::map(&mut gaussians, list.world);
             if self.shading_properties(list.primitive).is_some() {
                 notes.push(format!("{:?} has {SHADING} in several or stretched lists: shown by harmonics", self.path));
             }
-            if gaussians.layout.sh_count() > 1 && !list.is_similar() {
-                notes.push(format!("{:?} stretches or mirrors Gaussians, whose harmonics only turn", self.path));
+            if gaussians.layout.sh_count() > 1 && !is_exact {
+                notes.push(format!("{:?} stretches or shears Gaussians, whose harmonics only turn", self.path));
             }
             lists.push(gaussians);
         }
@@ -138,15 +138,12 @@ impl File<'_> {
         let log_scale = |scale: f32| if are_logarithms { scale } else { scale.max(SCALE_MIN as f32).ln() };
         let layout = Layout::radiance(degree);
         let mut gaussians = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
-        for index in 0..count {
-            let [x, y, z, w] = of::<4>(&rotations, index);
-            gaussians.set(index, MEAN, of::<3>(&means, index));
-            gaussians.set(index, LOG_SCALE, of::<3>(&scales, index).map(log_scale));
-            gaussians.set(index, QUAT, [w, x, y, z]);
-            gaussians.set(index, OPACITY, of::<1>(&opacities, index).map(logit));
-            for (k, harmonic) in harmonics.iter().enumerate() {
-                gaussians.set(index, layout.sh_start() + 3 * k, of::<3>(harmonic, index));
-            }
+        fill(&mut gaussians, MEAN, &means, |mean: [f32; 3]| mean);
+        fill(&mut gaussians, LOG_SCALE, &scales, |scales: [f32; 3]| scales.map(log_scale));
+        fill(&mut gaussians, QUAT, &rotations, |[x, y, z, w]| [w, x, y, z]);
+        fill(&mut gaussians, OPACITY, &opacities, |opacity: [f32; 1]| opacity.map(logit));
+        for (k, harmonic) in harmonics.iter().enumerate() {
+            fill(&mut gaussians, layout.sh_start() + 3 * k, harmonic, |color: [f32; 3]| color);
         }
         let path = self.path;
         if are_logarithms {
@@ -307,9 +304,14 @@ fn encode(gaussians: &mut Gaussians<Vec<f32>>) {
     }
 }
 
-/// Components of a Gaussian.
-fn of<const N: usize>(values: &[f32], index: usize) -> [f32; N] {
-    core::array::from_fn(|k| values[N * index + k])
+/// Sets planes of all Gaussians.
+fn fill<const N: usize>(
+    gaussians: &mut Gaussians<Vec<f32>>,
+    plane: usize,
+    values: &[f32],
+    convert: impl Fn([f32; N]) -> [f32; N],
+) {
+    values.as_chunks().0.iter().enumerate().for_each(|(index, of)| gaussians.set(index, plane, convert(*of)));
 }
 
 /// Degree of as many harmonics; none where no degree has so many.

@@ -157,7 +157,7 @@ export class Light {
 
   /** Uploads files and selects the last one. A page with a renderer of its own opens scenes as well. */
   async upload(files) {
-    const scene = files.find(({ name }) => /\.glb$/i.test(name));
+    const scene = files.find(({ name }) => /\.(glb|gltf)$/i.test(name));
     if (scene && this.server.replace) {
       this.notify(`reading ${scene.name} …`, "note");
       return this.server.replace(scene).catch((error) => this.notify(error.message));
