@@ -317,6 +317,45 @@ mod tests {
         assert_eq!(changed.losses.lambda_normal, Some(0.1), "what is not given comes from the file");
     }
 
+    /// Every option of a training whose value is a path, as its help says.
+    #[test]
+    fn paths_begin_at_a_folder_and_are_kept_whole() {
+        const NAMES: [&str; 6] = ["FILE", "DATASET", "MODEL", "FOLDER", "PATH", "DIR"];
+        let command = Arguments::command();
+        let train = command.find_subcommand("train").expect("it is there");
+        let takes_path = |arg: &&Arg| {
+            let names = arg.get_value_names().unwrap_or_default();
+            names.iter().any(|name| NAMES.iter().any(|path| name.contains(path)))
+        };
+        let paths: Vec<&str> = train.get_arguments().filter(takes_path).filter_map(Arg::get_long).collect();
+        for path in ["source-path", "model-path", "points", "light-reference", "config", "manifest"] {
+            assert!(paths.contains(&path), "{path} is not among {paths:?}");
+        }
+        for arg in train.get_arguments().filter(|arg| arg.get_long().is_some()) {
+            assert_eq!(names_file(arg, "a/b.c"), takes_path(&arg), "{arg:?}");
+        }
+        let table = paths.iter().map(|path| ((*path).to_owned(), Value::String("a/../b.c".into())));
+        let mut table: Table = table.chain([("images".to_owned(), "a".into())]).collect();
+        place_files(&mut table, Path::new("/scenes"));
+        assert!(paths.iter().all(|path| table[*path].as_str() == Some("/scenes/a/../b.c")), "{table}");
+        assert_eq!(table["images"].as_str(), Some("a"), "it is within the data set");
+        let mean = |text: &str| {
+            let mut table = Table::from_iter([("light-reference".to_owned(), Value::String(text.into()))]);
+            place_files(&mut table, Path::new("/scenes"));
+            table["light-reference"].as_str().map(str::to_owned)
+        };
+        assert_eq!([mean("0.8,1,1"), mean("./0.8")], ["0.8,1,1", "/scenes/0.8"].map(|text| Some(text.to_owned())));
+    }
+
+    #[test]
+    fn a_light_may_move_and_not_become_another_kind() {
+        let of = |light: &str| format!("light-reference = \"{light}\"\n");
+        assert_eq!(contradiction(&of("/new/probe.hdr"), &of("probe.hdr")), None);
+        let other = contradiction(&of("/new/probe.hdr"), &of("0.8")).expect("one is a mean");
+        assert!(other.contains("--light-reference 0.8, not"), "{other}");
+        assert!(contradiction("", &of("probe.hdr")).is_some());
+    }
+
     #[test]
     fn a_file_that_is_wrong_is_refused_with_its_place() {
         for (text, word) in [

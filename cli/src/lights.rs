@@ -140,6 +140,11 @@ impl LightPlan {
         }
         let options = LightOptions { up, exposure: options.exposure + exposure };
         let turn = args.turn + turn;
+        if !turn.is_finite() || !options.exposure.is_finite() {
+            return Err(Failure::Input(
+                "the turns or exposures of --lights and the command line add up to infinity".into(),
+            ));
+        }
         if args.ground.is_some() && suns.iter().any(|sun| sun.elevation < 0.0) {
             tracing::warn!("a sun stands below the horizon; the ground catches shadows, but casts none onto the scene");
         }

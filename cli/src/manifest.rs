@@ -158,13 +158,14 @@ fn without_selection(words: Vec<OsString>) -> Vec<OsString> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::args;
+    use crate::args::{self, LightReference};
     use clap::Parser;
     use std::{fs, path::PathBuf};
 
     const TWO: &str = "iterations = 700\neval = true\n\
                        [[training]]\nsource-path = \"data/a\"\nmodel-path = \"out/a\"\n\
-                       [[training]]\nsource-path = \"data/b\"\nmodel-path = \"/b\"\nseed = 3\niterations = 9\n";
+                       [[training]]\nsource-path = \"data/b\"\nmodel-path = \"/b\"\nseed = 3\niterations = 9\n\
+                       light-reference = \"probe.hdr\"\n";
 
     fn manifest(text: &str, line: &str) -> (PathBuf, Result<Option<Manifest>, Failure>) {
         let folder = tempfile::tempdir().expect("a writable folder");
@@ -190,6 +191,7 @@ mod tests {
         assert_eq!(tasks[0].train.source(), Some(&*folder.join("data/a")), "paths begin at the manifest");
         let folders: Vec<&Path> = tasks.iter().map(|task| &*task.train.model_path).collect();
         assert_eq!(folders, [&*folder.join("out/a"), Path::new("/b")]);
+        assert_eq!(tasks[1].train.start.light_reference, Some(LightReference::Map(folder.join("probe.hdr"))));
         assert!(tasks[0].train.many.manifest.is_none() && tasks[0].words[0] == "train", "{:?}", tasks[0].words);
         assert!(tasks[1].words.contains(&"--model-path=/b".to_owned()), "{:?}", tasks[1].words);
     }

@@ -1,12 +1,21 @@
 //! Pools of memory: the results of stages give their memory back when they are dropped, so a
 //! training allocates nothing once it has met its largest pictures.
 
-use crate::error::OutOfMemory;
 use core::ops::{Deref, DerefMut};
 use std::{
     panic::resume_unwind,
     sync::{Arc, Mutex, PoisonError},
 };
+
+/// Payload of the panic of a stage whose memory the system does not grant.
+#[derive(Clone, Copy, Debug, thiserror::Error, PartialEq, Eq)]
+#[error(
+    "a picture needs {} MiB more than the system grants; free some, or make pictures smaller", bytes.div_ceil(1 << 20)
+)]
+pub struct OutOfMemory {
+    /// Bytes that were asked for.
+    pub bytes: usize,
+}
 
 /// Pool of free memory for values of one type.
 #[derive(Debug)]
@@ -150,7 +159,14 @@ impl<T: PartialEq> PartialEq for Buffer<T> {
 
 #[cfg(test)]
 mod tests {
-    use super::Pool;
+    use super::{OutOfMemory, Pool};
+
+    #[test]
+    fn want_of_memory_can_be_caught() {
+        let taken = std::panic::catch_unwind(|| drop(Pool::<u64>::default().take(usize::MAX >> 5)));
+        let payload = taken.expect_err("no system has as much");
+        assert!(payload.downcast_ref::<OutOfMemory>().is_some_and(|fault| fault.bytes > 1 << 40));
+    }
 
     #[test]
     fn copies_that_are_given_back_do_not_pile_up() {

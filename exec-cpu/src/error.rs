@@ -5,16 +5,6 @@ use specula_core::{
     prefilter::RESOLUTION_MAX,
 };
 
-/// Payload of the panic of a stage whose memory the system does not grant.
-#[derive(Clone, Copy, Debug, thiserror::Error, PartialEq, Eq)]
-#[error(
-    "a picture needs {} MiB more than the system grants; free some, or make pictures smaller", bytes.div_ceil(1 << 20)
-)]
-pub struct OutOfMemory {
-    /// Bytes that were asked for.
-    pub bytes: usize,
-}
-
 /// Error of a stage.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum CpuError {

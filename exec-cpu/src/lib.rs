@@ -56,5 +56,6 @@ mod read_back;
 pub mod stages;
 mod texel;
 
-pub use error::{CpuError, OutOfMemory};
+pub use buffer::OutOfMemory;
+pub use error::CpuError;
 pub use executor::{CpuExecutor, CpuViewer};

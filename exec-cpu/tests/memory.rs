@@ -5,7 +5,7 @@ use specula_core::scene::{Gaussians, Layout, MEAN, len_of_values};
 use specula_cpu::morton::sort_in_space;
 
 #[path = "../src/buffer.rs"]
-#[allow(dead_code, reason = "the stages use the rest")]
+#[allow(dead_code, unreachable_pub, reason = "the stages use the rest")]
 mod buffer;
 #[path = "../src/parts.rs"]
 #[allow(dead_code, reason = "the stages use the rest")]

@@ -155,6 +155,25 @@ mod tests {
     }
 
     #[test]
+    fn memory_that_the_system_does_not_grant_is_told() {
+        let any = Budget { any: u64::MAX, ..SCENE };
+        let refusal = any.ask(Path::new("a.ply"), 0, "its 7 vertices", 1 << 60).unwrap_err();
+        assert!(
+            matches!(refusal, Error::OutOfMemory { .. }) && refusal.to_string().contains("its 7 vertices"),
+            "{refusal}"
+        );
+    }
+
+    #[test]
+    fn a_light_is_no_brighter_than_its_squares_are_finite() {
+        let path = Path::new("a.hdr");
+        assert!(radiance(path, &[0.0, RADIANCE_MAX]).is_ok());
+        for found in [1.1 * RADIANCE_MAX, f32::INFINITY, f32::NAN] {
+            assert!(radiance(path, &[1.0, found]).unwrap_err().to_string().contains("1e18 is the most"), "{found}");
+        }
+    }
+
+    #[test]
     fn files_are_read_within_the_budget_and_what_is_no_file_is_not_read() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.json");

@@ -141,6 +141,18 @@ mod tests {
     }
 
     #[test]
+    fn what_a_program_still_writes_is_not_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        let written = write(&path, |out| {
+            remove_unfinished(folder.path(), 0);
+            out.write_all(b"whole")
+        });
+        written.unwrap();
+        assert_eq!(fs::read(path).unwrap(), b"whole");
+    }
+
+    #[test]
     fn a_folder_that_is_a_file_is_refused_by_name() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("file");

@@ -96,8 +96,8 @@ pub fn lock(path: &Path) -> Result<core::result::Result<File, TryLockError>> {
     Ok(file.try_lock().map(|()| file))
 }
 
-/// Locks a file as [`lock`] does, and waits while other programs hold the lock. None where the file
-/// system has no locks.
+/// Locks a file as [`lock`] does, and waits while other programs hold the lock. None, with a warning,
+/// where the file system has no locks.
 ///
 /// # Errors
 ///
@@ -107,7 +107,12 @@ pub(crate) fn wait_for_lock(path: &Path) -> Result<Option<File>> {
     loop {
         match lock(path)? {
             Ok(file) => return Ok(Some(file)),
-            Err(TryLockError::Error(_)) => return Ok(None),
+            Err(TryLockError::Error(cause)) => {
+                tracing::warn!(
+                    "{path:?} cannot be locked ({cause}), so results of programs at the same time may be lost"
+                );
+                return Ok(None);
+            }
             Err(TryLockError::WouldBlock) if start.elapsed() > PATIENCE => {
                 return Err(Error::Busy { path: path.to_owned() });
             }
@@ -137,4 +142,56 @@ fn has_other_names(file: &File) -> bool {
     return file.metadata().is_ok_and(|found| std::os::unix::fs::MetadataExt::nlink(&found) > 1);
     #[cfg(not(unix))]
     return false;
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::symlink;
+
+    #[test]
+    fn a_lock_is_no_file_of_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let [thesis, path] = ["thesis", "a.lock"].map(|name| folder.path().join(name));
+        fs::write(&thesis, "years of work").unwrap();
+
+        symlink(&thesis, &path).unwrap();
+        assert!(matches!(lock(&path), Err(Error::Link { .. })));
+        fs::remove_file(&path).unwrap();
+        symlink(folder.path().join("nothing"), &path).unwrap();
+        assert!(lock(&path).is_err() && !folder.path().join("nothing").exists(), "it made a file elsewhere");
+        fs::remove_file(&path).unwrap();
+        fs::create_dir(&path).unwrap();
+        assert!(matches!(lock(&path), Err(Error::NotAFile { .. })));
+        fs::remove_dir(&path).unwrap();
+
+        fs::hard_link(&thesis, &path).unwrap();
+        let held = lock(&path).unwrap().unwrap();
+        held.set_len(0).unwrap();
+        assert_eq!(fs::read_to_string(&thesis).unwrap(), "years of work");
+        assert!(matches!(lock(&path), Ok(Err(TryLockError::WouldBlock))), "it is held under its name");
+    }
+
+    #[test]
+    fn links_are_met_below_a_folder_and_not_on_the_way_to_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let [other, root] = ["other", "model"].map(|name| folder.path().join(name));
+        fs::create_dir_all(other.join("a/b")).unwrap();
+        symlink(&other, &root).unwrap();
+        assert!(refuse_links(&root, &root.join("a/b/c")).is_ok(), "the user named the folder by a link");
+        symlink(&other, other.join("a/b/link")).unwrap();
+        let refused = refuse_links(&root, &root.join("a/b/link/a/b/link")).unwrap_err();
+        assert!(matches!(refused, Error::Link { path } if path == root.join("a/b/link")));
+    }
+
+    #[test]
+    fn links_lead_to_files_and_what_leads_nowhere_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let [file, link] = ["file", "link"].map(|name| folder.path().join(name));
+        assert!(!holds(&link).unwrap() && !holds(&link.join("below")).unwrap());
+        symlink(&file, &link).unwrap();
+        assert!(matches!(holds(&link), Err(Error::Read { .. })), "a link to nothing");
+        fs::write(&file, "").unwrap();
+        assert!(holds(&link).unwrap() && open(&link).is_ok());
+    }
 }

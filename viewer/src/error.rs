@@ -18,6 +18,10 @@ pub enum ViewerError {
         /// Error of the system.
         cause: io::Error,
     },
+    /// The clock stands before the first date of HTTP.
+    #[cfg(feature = "server")]
+    #[error("the clock of this machine stands before 1970, and a page has a date; set the clock")]
+    Clock,
     /// The system gives no random numbers for an access token.
     #[cfg(feature = "server")]
     #[error("the system gives no random numbers for an access token ({0})")]

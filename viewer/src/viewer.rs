@@ -20,6 +20,7 @@ use std::{
     path::Path,
     sync::Arc,
     thread::{self, JoinHandle},
+    time::SystemTime,
 };
 use tempfile::TempDir;
 use tokio::{
@@ -102,6 +103,9 @@ impl Viewer {
         live: Option<Arc<LiveTraining>>,
         load: impl FnOnce(Scene) -> Result<SceneRenderer, SceneError>,
     ) -> Result<Self, ViewerError> {
+        if SystemTime::now() < SystemTime::UNIX_EPOCH {
+            return Err(ViewerError::Clock);
+        }
         // The address comes first, since loading takes long.
         let runtime = Builder::new_current_thread().enable_all().max_blocking_threads(BLOCKING_THREADS).build();
         let runtime = runtime.map_err(ViewerError::Runtime)?;

@@ -66,7 +66,7 @@ impl From<ViewerError> for Failure {
         match error {
             ViewerError::Scene(error) => error.into(),
             ViewerError::Random(_) => Self::Input(format!("{error}; choose one with --token")),
-            ViewerError::Listen { .. } | ViewerError::Request(_) => Self::Input(error.to_string()),
+            ViewerError::Listen { .. } | ViewerError::Clock | ViewerError::Request(_) => Self::Input(error.to_string()),
             other => Self::Internal(other.to_string()),
         }
     }

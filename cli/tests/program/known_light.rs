@@ -18,7 +18,8 @@ fn a_known_light_stays_as_it_is_and_is_not_trained() {
     write_light(&tiny, 1.5);
     let known = |name: &str| {
         let mut command = train(&tiny, name);
-        command.args(["--relightable", "--eval", "--executor", "cpu", "--light-reference"]).arg(tiny.file("env.hdr"));
+        command.args(["--relightable", "--eval", "--executor", "cpu", "--light-reference", "env.hdr"]);
+        command.current_dir(tiny.data());
         command
     };
     known("model").assert().success();
@@ -34,6 +35,10 @@ fn a_known_light_stays_as_it_is_and_is_not_trained() {
     known("again").args(["--checkpoint-every", "20"]).assert().success();
     known("again").args(["--checkpoint-every", "20", "--resume"]).assert().success();
     assert!(fs::read(tiny.path("again/point_cloud/iteration_30/point_cloud.ply")).unwrap() == whole, "the same bits");
+    // From any folder.
+    let mut command = specula();
+    command.args(["train", "--resume", "-m", "again"]).current_dir(tiny.path("."));
+    command.assert().success();
     write_light(&tiny, 3.0);
     let refused = known("again").args(["--checkpoint-every", "20", "--resume"]).assert().code(2);
     let said = String::from_utf8(refused.get_output().stderr.clone()).unwrap();

@@ -4,6 +4,8 @@ mod bad_input;
 mod benchmark;
 mod browser;
 mod compare;
+#[cfg(unix)]
+mod elsewhere;
 mod end_to_end;
 mod eval;
 mod export;

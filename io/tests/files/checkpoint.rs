@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use specula_core::{
     expose::Exposure,
     light_network::WEIGHT_COUNT,
-    near_field::NearField,
+    near_field::{NearField, VERTEX_ALBEDO},
     random,
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
     state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
@@ -29,15 +29,20 @@ fn numbers(stream: u64, len: usize) -> Vec<f32> {
     (0..len as u64).map(|k| number(k).unwrap_or(f32::from_bits(bits(k) & !HIGHEST_BIT_OF_EXPONENT))).collect()
 }
 
+/// Squares of any bits.
+fn squares(stream: u64, len: usize) -> Vec<f32> {
+    numbers(stream, len).into_iter().map(f32::abs).collect()
+}
+
 /// Of three photographs.
-fn exposures(stream: u64) -> Vec<Exposure<f32>> {
-    numbers(stream, 36).as_chunks::<4>().0.as_chunks::<3>().0.to_vec()
+fn exposures(numbers: &[f32]) -> Vec<Exposure<f32>> {
+    numbers.as_chunks::<4>().0.as_chunks::<3>().0.to_vec()
 }
 
 fn example(layout: Layout) -> Checkpoint {
     let len = len_of_values(COUNT, layout);
     let moments =
-        |stream: u64, len: usize| AdamMoments { mean: numbers(stream, len), square: numbers(stream + 1, len) };
+        |stream: u64, len: usize| AdamMoments { mean: numbers(stream, len), square: squares(stream + 1, len) };
     let light = layout.is_shaded().then(|| {
         let len = 6 * RESOLUTION * RESOLUTION * 3;
         let activation = RadianceActivation::Exponential;
@@ -49,12 +54,12 @@ fn example(layout: Layout) -> Checkpoint {
         statistics: Statistics { grad_sum: numbers(4, COUNT), view_count: numbers(5, COUNT) },
         light,
     };
-    let moments = AdamMoments { mean: exposures(14), square: exposures(15) };
+    let moments = AdamMoments { mean: exposures(&numbers(14, 36)), square: exposures(&squares(15, 36)) };
     Checkpoint {
         state: TrainingState {
             scene,
             near_field: Some(near_field()),
-            exposures: Some(ExposureState { maps: exposures(13), moments }),
+            exposures: Some(ExposureState { maps: exposures(&numbers(13, 36)), moments }),
             order: vec![3, 0, 7],
             iteration: 40,
             psnr: Some(21.0 / 0.7),
@@ -67,7 +72,8 @@ fn example(layout: Layout) -> Checkpoint {
 /// One triangle in one leaf.
 fn near_field() -> NearField<Vec<f32>> {
     let node = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0];
-    let vertices = numbers(16, 48).into_iter().map(|x| x.clamp(-1e30, 1e30));
+    let number = |(k, x): (usize, f32)| if k % 16 < VERTEX_ALBEDO { x.clamp(-1e30, 1e30) } else { x.clamp(0.0, 1.0) };
+    let vertices = numbers(16, 48).into_iter().enumerate().map(number);
     NearField::of_sizes([1, 1, 3], 0.125, node.into_iter().chain([0.0, 1.0, 2.0, 0.0]).chain(vertices).collect())
 }
 
@@ -119,7 +125,7 @@ fn the_weights_of_a_light_that_is_a_network_come_back() {
     let mut written = example(Layout::shaded(Some(1)));
     let network =
         Environment { resolution: 64, activation: RadianceActivation::Network, values: numbers(20, WEIGHT_COUNT) };
-    let moments = AdamMoments { mean: numbers(21, WEIGHT_COUNT), square: numbers(22, WEIGHT_COUNT) };
+    let moments = AdamMoments { mean: numbers(21, WEIGHT_COUNT), square: squares(22, WEIGHT_COUNT) };
     written.state.scene.light = Some((network, moments));
     checkpoint::write(folder.path(), &written).unwrap();
     let read = checkpoint::read(folder.path()).unwrap();
@@ -281,6 +287,16 @@ fn numbers_that_are_not_finite_are_counted_by_tensor() {
     for word in ["checkpoint.safetensors", "\"light.square\"", "3 of its 72 numbers are NaN or infinite"] {
         assert!(sentence.contains(word), "{word:?} is not in: {sentence}");
     }
+}
+
+#[test]
+fn squares_that_have_no_root_are_refused() {
+    let mut written = example(Layout::shaded(Some(1)));
+    let folder = tempfile::tempdir().unwrap();
+    written.state.exposures.as_mut().unwrap().moments.square[1][2][0] = -1.0;
+    checkpoint::write(folder.path(), &written).unwrap();
+    let sentence = checkpoint::read(folder.path()).unwrap_err().to_string();
+    assert!(sentence.contains("\"exposure.square\"") && sentence.contains("not negative"), "{sentence}");
 }
 
 #[test]

@@ -10,7 +10,7 @@ use specula_core::{
     scene::{Environment, Gaussians, Layout, RadianceActivation, len_of_values},
 };
 use specula_io::{
-    exposure, gaussian_ply,
+    Error, exposure, gaussian_ply,
     latlong::{self, LatLong, UpAxis},
     model_folder::{self, ModelInfo, Snapshot},
     orientation::{Orientation, UpSource},
@@ -101,10 +101,95 @@ fn near_fields_that_would_not_be_traced_are_refused() {
     let mut damaged = near_field();
     damaged.values[20] = f32::NAN;
     assert!(refused(&damaged).contains("not finite"), "{}", refused(&damaged));
+    let mut damaged = near_field();
+    *damaged.values.last_mut().unwrap() = 1e30;
+    assert!(refused(&damaged).contains("vertex 2 has an albedo"), "{}", refused(&damaged));
     let file = model_folder::near_field_at(folder.path(), 3);
     fs::write(&file, "nothing of the kind").unwrap();
     let sentence = model_folder::open(folder.path()).unwrap_err().to_string();
     assert!(sentence.contains("near_field.safetensors") && sentence.contains("remove the file"), "{sentence}");
+}
+
+#[cfg(unix)]
+#[test]
+fn folders_that_are_links_are_neither_written_nor_emptied() {
+    use std::os::unix::fs::symlink;
+    let elsewhere = tempfile::tempdir().unwrap();
+    save(elsewhere.path(), 7, None);
+    let before = fs::read(model_folder::gaussians_at(elsewhere.path(), 7)).unwrap();
+    let of_seven = gaussians(7.0);
+    for name in ["point_cloud", "light", "brdf_mlp", "point_cloud/iteration_7"] {
+        let folder = tempfile::tempdir().unwrap();
+        let link = folder.path().join(name);
+        fs::create_dir_all(link.parent().unwrap()).unwrap();
+        symlink(elsewhere.path().join(name), &link).unwrap();
+        let (gaussians, info) = (gaussians(1.0), info());
+        let snapshot = Snapshot { gaussians: &gaussians, comments: &[], light: None, near_field: None, info: &info };
+        let refused = [model_folder::save(folder.path(), 7, &snapshot), model_folder::remove_training(folder.path())];
+        for refused in refused {
+            assert!(matches!(refused.unwrap_err(), Error::Link { path } if path == link), "{name}");
+        }
+        assert!(fs::read(model_folder::gaussians_at(elsewhere.path(), 7)).unwrap() == before, "{name}");
+        // Reading may follow it.
+        if name == "point_cloud" {
+            assert_eq!(model_folder::open(folder.path()).unwrap().gaussians, of_seven);
+        }
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn files_that_are_links_or_have_other_names_are_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let thesis = folder.path().join("thesis");
+    let model = folder.path().join("model");
+    for is_hard in [true, false] {
+        fs::create_dir(&model).unwrap();
+        fs::write(&thesis, "{}").unwrap();
+        for name in ["results.json", "timeline.json", "specula.json", "exposure.json"] {
+            let link = |to: &Path| match is_hard {
+                true => fs::hard_link(&thesis, to),
+                false => std::os::unix::fs::symlink(&thesis, to),
+            };
+            link(&model.join(name)).unwrap();
+        }
+        let quality = vec![("PSNR".to_owned(), 30.0, Vec::new())];
+        model_folder::add_quality(&model, "ours_7", &quality, serde_json::Map::new()).unwrap();
+        model_folder::save_progress(&model, 7, 1.0, 1, &quality).unwrap();
+        model_folder::save_info(&model, &info()).unwrap();
+        exposure::write(&model, &["a".to_owned()], &[[[1.0; 4]; 3]]).unwrap();
+        assert_eq!(fs::read_to_string(&thesis).unwrap(), "{}");
+        fs::remove_dir_all(&model).unwrap();
+    }
+}
+
+#[test]
+fn what_is_no_file_is_told() {
+    for name in ["specula.json", "light/iteration_7/near_field.safetensors", "brdf_mlp/iteration_7/brdf_mlp.hdr"] {
+        let folder = tempfile::tempdir().unwrap();
+        save(folder.path(), 7, None);
+        let place = folder.path().join(name);
+        let _ = fs::remove_file(&place);
+        fs::create_dir_all(place.join("notes")).unwrap();
+        let refused = model_folder::open(folder.path()).unwrap_err();
+        assert!(matches!(&refused, Error::NotAFile { path } if *path == place), "{refused}");
+        let _ = model_folder::remove_training(folder.path());
+        assert!(name.contains('/') || place.join("notes").is_dir(), "a folder of a file's name is no one's to remove");
+    }
+}
+
+#[test]
+fn results_of_measurements_at_the_same_time_are_all_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let quality = vec![("PSNR".to_owned(), 30.0, vec![("a".to_owned(), 30.0)])];
+    let add = |number: u32| {
+        model_folder::add_quality(folder.path(), &format!("ours_{number}"), &quality, serde_json::Map::new()).unwrap();
+        model_folder::save_progress(folder.path(), number, 1.0, 1, &quality).unwrap();
+    };
+    std::thread::scope(|scope| (0..8).for_each(|number| drop(scope.spawn(move || add(number)))));
+    for name in ["results.json", "per_view.json", "timeline.json"] {
+        assert_eq!(read_json(&folder.path().join(name)).as_object().unwrap().len(), 8, "{name}");
+    }
 }
 
 fn read_json(path: &Path) -> Value {

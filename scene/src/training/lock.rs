@@ -86,16 +86,17 @@ impl Drop for Lock {
 /// Writes the holder: this program.
 fn sign(file: &mut File) -> io::Result<()> {
     let words: Vec<String> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
-    let holder = Holder {
-        pid: std::process::id(),
-        host: host(),
-        // A clock without a battery may stand before 1970, which the format does not know.
-        started: humantime::format_rfc3339_seconds(SystemTime::now().max(SystemTime::UNIX_EPOCH)).to_string(),
-        command: words.join(" "),
-    };
+    let holder =
+        Holder { pid: std::process::id(), host: host(), started: written(SystemTime::now()), command: words.join(" ") };
     file.set_len(0)?;
     writeln!(file, "{:#}", serde_json::to_value(holder)?)?;
     file.sync_data()
+}
+
+/// Time in the format of RFC 3339, which has no years before 1970: a clock without a battery may
+/// show one.
+fn written(time: SystemTime) -> String {
+    humantime::format_rfc3339_seconds(time.max(SystemTime::UNIX_EPOCH)).to_string()
 }
 
 /// Host name, as far as files and variables tell it.
@@ -125,6 +126,12 @@ fn holder_message(folder: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn clocks_may_stand_before_1970() {
+        let before = SystemTime::UNIX_EPOCH - Duration::from_secs(3600);
+        assert_eq!(written(before), "1970-01-01T00:00:00Z");
+    }
 
     #[test]
     fn a_folder_has_one_lock_and_says_who_holds_it() {
