@@ -119,7 +119,10 @@ pub(crate) fn list(files: &Files, model: &Model, options: &LoadOptions) -> Resul
     if options.points.is_none() {
         let cloud = Some(model.file("points3D")).filter(|path| !path.is_file()).and_then(|_| points_ply::find(files));
         listing.points = Some(match cloud {
-            Some(path) => points_ply::read_noting(&path, &mut listing.notes)?,
+            Some(path) => {
+                listing.used.push(path.clone());
+                points_ply::read_noting(&path, &mut listing.notes)?
+            }
             None => read_points(model, &mut listing.notes)?,
         });
     }

@@ -283,6 +283,7 @@ fn points_of_a_data_set_are_found_by_any_usual_name() {
             let data = load(&folder);
             assert_eq!(data.points.as_ref().unwrap().positions, [[1.0, 2.0, 3.0]], "{place}");
             assert_says(&remark(&data), &["no colours that are known", "grey"]);
+            assert_eq!(data.report.left_out, [""; 0], "{place}");
         }
     }
     let rest = json!({ "ply_file_path": "cloud.ply" });
