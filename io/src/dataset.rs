@@ -9,6 +9,7 @@
 
 use crate::{
     blender, colmap,
+    doubts::doubts,
     error::{Error, Result},
     left_out::left_out,
     listing::Listing,
@@ -86,6 +87,7 @@ impl Album {
             points = Some(points_ply::read_noting(path, &mut notes)?);
         }
         let points = points.map(|points| points.relative_to(origin));
+        notes.extend(doubts(shots.iter().chain(&test), points.as_ref()));
         if !report.left_out.is_empty() {
             notes.push(format!("not used: {}", report.left_out.join("; ")));
         }

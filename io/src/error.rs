@@ -155,6 +155,19 @@ pub enum Error {
         /// Width and height of the camera.
         expected: [u32; 2],
     },
+    /// A mask has another shape than its picture.
+    #[error(
+        "mask {path:?} has {} by {} pixels, but its picture {} by {}, which is another shape; make masks of the \
+         pictures as they are", found[0], found[1], expected[0], expected[1]
+    )]
+    MaskShape {
+        /// The mask.
+        path: PathBuf,
+        /// Width and height of the mask.
+        found: [u32; 2],
+        /// Width and height of the picture.
+        expected: [u32; 2],
+    },
     /// A picture is not the one that it was when the program started.
     #[error("{path:?} is not the picture that it was at the start; put back what was there")]
     Changed {

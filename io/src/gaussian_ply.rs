@@ -98,6 +98,8 @@ pub fn read(path: &Path) -> Result<GaussianFile> {
     let mut columns = table.read_any(&names, name_of(layout))?;
     notes.extend(note_infinities(path, replace_infinities(&mut columns, count, is_flat)));
     columns.refuse_non_finite(path)?;
+    notes.extend(note_no_rotations(path, (0..count).filter(|row| columns.get(*row, QUAT) == [0.0; 4]).count()));
+    notes.extend(note_lengths(path, &columns, count));
     Ok(GaussianFile { gaussians: Gaussians { count, layout, values: columns.values }, comments, notes })
 }
 
@@ -148,6 +150,26 @@ fn note_infinities(path: &Path, [opacities, scales]: [usize; 2]) -> Option<Strin
         format!(
             "{path:?} has {opacities} infinite opacities, read as 0 or 1, and {scales} Gaussians with scales of 0, \
              shown flat"
+        )
+    })
+}
+
+/// Note on quaternions of length 0.
+pub(crate) fn note_no_rotations(path: &Path, count: usize) -> Option<String> {
+    (count > 0).then(|| {
+        format!("{path:?} has {count} Gaussians whose rotation is 0 0 0 0, as in rows that were never filled: shown unrotated")
+    })
+}
+
+/// Note on scales and opacities that are numbers from 0 to 1 and above, as they are after their
+/// activations.
+fn note_lengths(path: &Path, columns: &Columns, count: usize) -> Option<String> {
+    let are_lengths = |row: usize| columns.get::<3>(row, LOG_SCALE).iter().all(|scale| *scale > 0.0);
+    let is_share = |row: usize| (0.0..=1.0).contains(&columns.get::<1>(row, OPACITY)[0]);
+    (count > 0 && (0..count).all(|row| are_lengths(row) && is_share(row))).then(|| {
+        format!(
+            "{path:?} has scales above 0 and opacities from 0 to 1 only, which are read as logarithms and logits; if they \
+             are lengths and shares, write their logarithms and logits"
         )
     })
 }

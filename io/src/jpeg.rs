@@ -115,7 +115,7 @@ fn next_marker(reader: &mut impl Read) -> io::Result<u8> {
 #[cfg(test)]
 mod tests {
     use crate::pixels::Pixels;
-    use image::{DynamicImage, ImageEncoder, Rgb, RgbImage, codecs::jpeg::JpegEncoder};
+    use image::{DynamicImage, ImageEncoder, Rgb, RgbImage, codecs::jpeg::JpegEncoder, metadata::Orientation};
     use specula_core::random::uniform;
     use std::{
         fs,
@@ -166,7 +166,7 @@ mod tests {
                 let path = saved(folder.path(), &image, None);
                 for downscale in [4, 8] {
                     let opened = Pixels::open(&path, downscale, |_| Some(true)).unwrap();
-                    assert_eq!((opened.size, opened.is_turned), ([width, height], false));
+                    assert_eq!((opened.size, opened.turned), ([width, height], Orientation::NoTransforms));
                     let side = downscale / 2;
                     assert_eq!([opened.pixels.width, opened.pixels.height], [width, height].map(|x| x.div_ceil(side)));
                     let size = [width, height].map(|size| rounded(size, downscale));
@@ -191,7 +191,10 @@ mod tests {
         let path = saved(folder.path(), &picture(128, 96).into(), None);
         assert_eq!(is_whole(&path, 2, [128, 96]).pixels, is_whole(&path, 1, [128, 96]).pixels, "nothing is saved");
         is_whole(&saved(folder.path(), &picture(200, 20).into(), None), 8, [200, 20]);
-        assert!(is_whole(&saved(folder.path(), &picture(128, 96).into(), Some(TURNED)), 8, [96, 128]).is_turned);
+        assert!(
+            is_whole(&saved(folder.path(), &picture(128, 96).into(), Some(TURNED)), 8, [96, 128]).turned
+                != Orientation::NoTransforms
+        );
         let png = folder.path().join("a.png");
         picture(128, 96).save(&png).unwrap();
         is_whole(&png, 8, [128, 96]);

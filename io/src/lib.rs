@@ -45,6 +45,7 @@ pub mod checkpoint;
 mod colmap;
 mod cube;
 pub mod dataset;
+mod doubts;
 mod error;
 pub mod exposure;
 mod exr_decoder;

@@ -45,14 +45,26 @@ pub struct Pixels {
     pub rgba: Vec<u8>,
 }
 
+/// Relative difference allowed between the aspect ratios of pictures of one shape: downscaled sizes
+/// are rounded.
+const SHAPE_TOLERANCE: f64 = 0.02;
+
+/// Returns whether pictures of two sizes have the same aspect ratio.
+pub(crate) fn have_same_shape([width, height]: [u32; 2], [other_width, other_height]: [u32; 2]) -> bool {
+    let ratio = f64::from(width) * f64::from(other_height) / (f64::from(height) * f64::from(other_width));
+    // A small picture may be off by a pixel.
+    let tolerance = SHAPE_TOLERANCE.max(1.0 / f64::from(width.min(height)));
+    (ratio - 1.0).abs() <= tolerance
+}
+
 /// A decoded photograph.
 pub(crate) struct OpenedPixels {
     /// Pixels at full size, or averaged over squares of them.
     pub(crate) pixels: Pixels,
     /// Width and height at full size.
     pub(crate) size: [u32; 2],
-    /// Whether the picture was rotated by its EXIF orientation.
-    pub(crate) is_turned: bool,
+    /// EXIF orientation by which the picture was rotated.
+    pub(crate) turned: Orientation,
 }
 
 impl OpenedPixels {
@@ -89,21 +101,18 @@ impl Pixels {
     /// where the format allows it.
     pub(crate) fn open(path: &Path, downscale: u32, fits: impl Fn([u32; 2]) -> Option<bool>) -> Result<OpenedPixels> {
         if let Some((image, size)) = jpeg::decode_smaller(path, downscale) {
-            return Ok(OpenedPixels { pixels: Self::of(image), size, is_turned: false });
+            return Ok(OpenedPixels { pixels: Self::of(image), size, turned: Orientation::NoTransforms });
         }
         let (mut image, orientation) = decode_with_orientation(Input::file(path), PHOTOGRAPH)?;
         let size = [image.width(), image.height()];
-        let turned = if swaps_sides(orientation) { [size[1], size[0]] } else { size };
-        let is_turned = orientation != Orientation::NoTransforms
-            && match (fits(size), fits(turned)) {
-                (Some(as_stored), Some(turned)) => turned && !as_stored,
-                _ => true,
-            };
-        if is_turned {
-            image.apply_orientation(orientation);
-        }
+        let swapped = if swaps_sides(orientation) { [size[1], size[0]] } else { size };
+        let turned = match (fits(size), fits(swapped)) {
+            (Some(as_stored), Some(turned)) if as_stored || !turned => Orientation::NoTransforms,
+            _ => orientation,
+        };
+        image.apply_orientation(turned);
         let pixels = Self::of(image);
-        Ok(OpenedPixels { size: [pixels.width, pixels.height], pixels, is_turned })
+        Ok(OpenedPixels { size: [pixels.width, pixels.height], pixels, turned })
     }
 
     fn of(image: DynamicImage) -> Self {
@@ -199,11 +208,33 @@ impl Mask {
     /// Decodes a mask: white opaque pixels are valid, black or transparent ones are not; the
     /// threshold is one half.
     pub(crate) fn read(path: &Path) -> Result<Self> {
+        Ok(Self::of(decode(Input::file(path), MASK)?))
+    }
+
+    /// Decodes the mask of a photograph of this size that was rotated by an orientation. A mask that
+    /// only has the photograph's shape as it was stored is rotated alike.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::MaskShape`] for a mask of neither shape, and those of the file.
+    pub(crate) fn for_photograph(path: &Path, size: [u32; 2], turned: Orientation) -> Result<Self> {
+        let mut image = decode(Input::file(path), MASK)?;
+        let found = [image.width(), image.height()];
+        if !have_same_shape(found, size) {
+            if !(swaps_sides(turned) && have_same_shape([found[1], found[0]], size)) {
+                return Err(Error::MaskShape { path: path.to_owned(), found, expected: size });
+            }
+            image.apply_orientation(turned);
+        }
+        Ok(Self::of(image))
+    }
+
+    fn of(image: DynamicImage) -> Self {
         const HALF: u32 = 128 * 255;
-        let image = decode(Input::file(path), MASK)?.into_luma_alpha8();
+        let image = image.into_luma_alpha8();
         let (width, height) = image.dimensions();
         let counts = image.as_raw().chunks_exact(2).map(|pixel| u32::from(pixel[0]) * u32::from(pixel[1]) >= HALF);
-        Ok(Self { width, height, counts: counts.collect() })
+        Self { width, height, counts: counts.collect() }
     }
 
     /// Marks masked pixels of a picture as unknown. A mask of another size is stretched.

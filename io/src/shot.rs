@@ -6,18 +6,16 @@ use crate::{
     input::Input,
     lens::{Distortion, Lens},
     materials::{MaterialFiles, Materials},
-    pixels::{Mask, NORMALS_RESIZED, Normals, Pixels},
+    pixels::{Mask, NORMALS_RESIZED, Normals, Pixels, have_same_shape},
 };
 use glam::{DMat3, DVec3};
+use image::metadata::Orientation;
 use specula_core::camera::{Camera, NEAR};
 use std::path::{Path, PathBuf};
 
 /// Extensions of images, which are tried where one is named without any, or has another one than
 /// its list says.
 pub const IMAGE_ENDINGS: [&str; 4] = ["png", "jpg", "jpeg", "webp"];
-/// Relative difference allowed between the aspect ratios of a picture and its camera: downscaled
-/// sizes are rounded.
-const SHAPE_TOLERANCE: f64 = 0.02;
 
 /// A photograph with its camera.
 #[derive(Clone, Debug, PartialEq)]
@@ -106,11 +104,11 @@ impl Shot {
         // A mask applies to the picture at full size, pixel by pixel.
         let downscale = if self.mask.is_some() { 1 } else { self.downscale };
         let mut stored = Pixels::open(&self.image, downscale, |size| self.fits(size))?;
-        let (size, is_turned) = (stored.size, stored.is_turned);
+        let (size, turned) = (stored.size, stored.turned);
         self.refuse_other_shape(size)?;
         let lens = (self.lens)(size)?;
         if let Some(mask) = &self.mask {
-            stored.pixels = Mask::read(mask)?.applied(stored.pixels);
+            stored.pixels = Mask::for_photograph(mask, size, turned)?.applied(stored.pixels);
         }
 
         let [width, height] = size.map(|size| rounded_quotient(size, self.downscale));
@@ -128,18 +126,14 @@ impl Shot {
         let [unknown, pixels] = [image.unknown_count(), image.rgba.len() / 4].map(|count| count as u64);
         let camera = camera_of(&self.pose, &lens);
         let view = View { name: self.name.clone(), camera, image, normal, materials };
+        let is_turned = turned != Orientation::NoTransforms;
         Ok((view, Changes { is_undistorted, is_turned, unknown, pixels }))
     }
 
     /// Returns whether a picture of this size has the aspect ratio of its camera; none if that is
     /// unknown.
-    fn fits(&self, [width, height]: [u32; 2]) -> Option<bool> {
-        self.measured_size.map(|[camera_width, camera_height]| {
-            let ratio = f64::from(width) * f64::from(camera_height) / (f64::from(height) * f64::from(camera_width));
-            // A small picture may be off by a pixel.
-            let tolerance = SHAPE_TOLERANCE.max(1.0 / f64::from(width.min(height)));
-            (ratio - 1.0).abs() <= tolerance
-        })
+    fn fits(&self, size: [u32; 2]) -> Option<bool> {
+        self.measured_size.map(|camera| have_same_shape(size, camera))
     }
 
     fn refuse_other_shape(&self, found: [u32; 2]) -> Result<()> {

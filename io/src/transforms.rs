@@ -232,6 +232,7 @@ impl Intrinsics {
 
     /// Lens for an image of this size, or the fault of its parameters.
     fn lens(&self, size: [u32; 2]) -> core::result::Result<Lens, String> {
+        let distortion = self.distortion()?;
         let focal_px = self.focal_px(size).ok_or_else(|| NO_FOCAL.to_owned())?;
         let principal_px = self.principal_px(size);
         if !focal_px.iter().all(|focal| (*focal as f32).is_finite() && *focal as f32 > 0.0) {
@@ -240,7 +241,7 @@ impl Intrinsics {
         if !principal_px.iter().all(|principal| (*principal as f32).is_finite()) {
             return Err("has a principal point that is not finite; correct cx and cy".into());
         }
-        Ok(Lens { focal_px, principal_px, width: size[0], height: size[1], distortion: self.distortion()? })
+        Ok(Lens { focal_px, principal_px, width: size[0], height: size[1], distortion })
     }
 
     /// Ratio of the image's size to the stated size, for images that were made smaller afterwards.

@@ -15,6 +15,7 @@ mod lamps;
 mod library;
 mod light_network;
 mod manifest;
+mod origin;
 mod pages;
 mod place;
 mod prefilter;

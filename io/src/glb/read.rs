@@ -11,6 +11,7 @@ use crate::{
     affine::{self, SCALE_MIN},
     budget::SCENE,
     error::{Error, Result},
+    gaussian_ply::note_no_rotations,
     latlong::{self, ending, start_of},
 };
 use rayon::prelude::*;
@@ -127,6 +128,8 @@ impl File<'_> {
         let means = needed("POSITION", 3, None)?;
         let count = means.len() / 3;
         let rotations = needed(&named("ROTATION"), 4, Some(count))?;
+        let unturned = rotations.chunks_exact(4).filter(|quat| quat.iter().all(|number| *number == 0.0)).count();
+        notes.extend(note_no_rotations(self.path, unturned));
         let scales = needed(&named("SCALE"), 3, Some(count))?;
         let opacities = needed(&named("OPACITY"), 1, Some(count))?;
         self.refuse_logits(&opacities)?;

@@ -444,6 +444,57 @@ fn smaller_copies_need_a_lens_whose_size_is_known() {
 }
 
 #[test]
+fn masks_turn_with_their_pictures_and_have_the_same_shape() {
+    let scene = Scene { images: vec![("b.jpg", 1)], ..Scene::pinhole() };
+    let folder = tempfile::tempdir().unwrap();
+    scene.write_text(folder.path());
+    let side = image::imageops::rotate270(&picture());
+    jpeg_turned(&folder.path().join("images/b.jpg"), &side, 6);
+    let mask = image::GrayImage::from_fn(WIDTH, HEIGHT, |x, _| image::Luma([if x < 6 { 0 } else { 255 }]));
+    let path = folder.path().join("masks/b.png");
+    let masked = |mask: &image::GrayImage| {
+        mask.save(made(&path)).unwrap();
+        load_with(&folder, LoadOptions { test_every: 0, ..LoadOptions::default() }).train[0].image.clone()
+    };
+    let upright = masked(&mask);
+    assert_eq!(upright.rgba.chunks_exact(4).filter(|pixel| *pixel == UNKNOWN).count(), 6 * HEIGHT as usize);
+    assert!(masked(&image::imageops::rotate270(&mask)) == upright, "a mask as the picture is stored");
+    image::GrayImage::new(WIDTH, WIDTH).save(&path).unwrap();
+    assert_says(&load(folder.path()).unwrap_err().to_string(), &["masks/b.png", "24 by 24", "24 by 16", "shape"]);
+}
+
+#[test]
+fn doubtful_cameras_are_told() {
+    let points = PointCloud { positions: vec![[0.0, 0.0, 0.0]; 3], colors: vec![[0.5; 3]; 3] };
+    let doubts = |change: &dyn Fn(&mut Value)| {
+        let named = |name| json!({ "file_path": format!("images/{name}.png"), "transform_matrix": FROM_ABOVE });
+        let mut frames: Vec<Value> = ["a", "b", "c", "d"].map(named).into();
+        for (index, frame) in frames.iter_mut().enumerate() {
+            frame["transform_matrix"][0][3] = json!(index as f64);
+        }
+        frames.iter_mut().for_each(change);
+        let folder = nerfstudio(json!({ "ply_file_path": "points.ply", "frames": frames }));
+        picture().save(folder.path().join("images/d.png")).unwrap();
+        points_ply::write(&folder.path().join("points.ply"), &points).unwrap();
+        load(folder.path()).unwrap().notes.join("\n")
+    };
+    let usual = doubts(&|_| {});
+    assert!(!usual.contains("times as far") && !usual.contains("in front of"), "{usual}");
+    let far = doubts(&|frame| {
+        if frame["transform_matrix"][0][3] == 3.0 {
+            frame["transform_matrix"][0][3] = json!(500.0);
+        }
+    });
+    assert_says(&far, &["camera of \"d\"", "times as far"]);
+    let opposite = doubts(&|frame| {
+        for (row, column) in [(1, 1), (2, 2)] {
+            frame["transform_matrix"][row][column] = json!(-1.0);
+        }
+    });
+    assert_says(&opposite, &["no point is in front of any camera"]);
+}
+
+#[test]
 fn lenses_of_nerfstudio_are_undistorted_or_refused() {
     let distorted = nerfstudio(json!({ "camera_model": "OPENCV", "k1": -0.2, "p1": 0.01 }));
     let fisheye = nerfstudio(json!({ "camera_model": "OPENCV_FISHEYE", "k1": 0.05, "k4": 0.01 }));
@@ -456,7 +507,7 @@ fn lenses_of_nerfstudio_are_undistorted_or_refused() {
     }
     let refusal = |rest: Value| load(nerfstudio(rest).path()).unwrap_err().to_string();
     assert_says(
-        &refusal(json!({ "camera_model": "EQUIRECTANGULAR" })),
+        &refusal(json!({ "camera_model": "EQUIRECTANGULAR", "fl_x": null })),
         &["EQUIRECTANGULAR", "OPENCV_FISHEYE", "transforms.json"],
     );
     assert_says(&refusal(json!({ "k4": 0.1 })), &["k4", "OPENCV_FISHEYE", "images/"]);

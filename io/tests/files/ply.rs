@@ -283,6 +283,26 @@ fn layouts_of_baselines_are_shown_by_their_harmonics_and_other_columns_are_noted
 }
 
 #[test]
+fn rows_without_rotation_and_numbers_after_activation_are_noted() {
+    let notes = |change: &dyn Fn(&mut Gaussians<Vec<f32>>)| {
+        let mut gaussians = gaussians(Layout::radiance(1), 20);
+        (0..20).for_each(|index| gaussians.set(index, QUAT, [1.0, 0.0, 0.5, 0.0]));
+        change(&mut gaussians);
+        let (_folder, path) = written(&gaussians);
+        gaussian_ply::read(&path).unwrap().notes.concat()
+    };
+    assert_eq!(notes(&|_| {}), "");
+    assert_says(&notes(&|gaussians| gaussians.set(7, QUAT, [0.0; 4])), &["1 Gaussians whose rotation is 0 0 0 0"]);
+    let activated = notes(&|gaussians| {
+        for index in 0..20 {
+            gaussians.set(index, LOG_SCALE, [0.01, 0.2, 0.3]);
+            gaussians.set(index, OPACITY, [0.5]);
+        }
+    });
+    assert_says(&activated, &["read as logarithms and logits"]);
+}
+
+#[test]
 fn gaussians_with_two_scales_are_flat() {
     let solid = gaussians(Layout::radiance(1), 20);
     for encoding in ["ascii", "binary_little_endian", "binary_big_endian"] {
