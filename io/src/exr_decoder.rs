@@ -65,7 +65,7 @@ impl<'a> ExrDecoder<'a> {
         let others = layers.iter().map(|(_, other)| other.layer.as_str()).filter(|layer| *layer != names.layer);
         let others: Vec<&str> = others.take(NAMES_MAX).collect();
         if !others.is_empty() {
-            let [red, ..] = &names.color;
+            let red = names.color[0].to_string();
             notes.push(format!(
                 "{path:?} is read from its channel {red:?} and those beside it, without the layers {others:?}"
             ));

@@ -43,6 +43,8 @@ const SHADED_LAYOUT: &str = "GaussianShader's layout";
 const FLAT: f32 = 1e-3;
 /// Scale of an axis of a Gaussian that has none, in world units.
 const SCALE_MIN: f32 = 1e-12;
+/// Number of Gaussians that are not all alike by chance.
+const MANY: usize = 20;
 /// Number of names in a note.
 const NAMES_MAX: usize = 8;
 
@@ -166,7 +168,7 @@ pub(crate) fn note_no_rotations(path: &Path, count: usize) -> Option<String> {
 fn note_lengths(path: &Path, columns: &Columns, count: usize) -> Option<String> {
     let are_lengths = |row: usize| columns.get::<3>(row, LOG_SCALE).iter().all(|scale| *scale > 0.0);
     let is_share = |row: usize| (0.0..=1.0).contains(&columns.get::<1>(row, OPACITY)[0]);
-    (count > 0 && (0..count).all(|row| are_lengths(row) && is_share(row))).then(|| {
+    (count >= MANY && (0..count).all(|row| are_lengths(row) && is_share(row))).then(|| {
         format!(
             "{path:?} has scales above 0 and opacities from 0 to 1 only, which are read as logarithms and logits; if they \
              are lengths and shares, write their logarithms and logits"

@@ -1,7 +1,7 @@
 //! Folders from elsewhere: nothing outside of a model folder is written, emptied or removed, what is
 //! no file is not waited for, and no name controls the terminal.
 
-use crate::tiny::{Tiny, specula, train};
+use crate::tiny::{Tiny, specula, train, train_plain};
 use assert_cmd::Command;
 use std::{
     collections::BTreeMap,
@@ -27,9 +27,7 @@ fn refusal(mut command: Command) -> String {
 }
 
 fn trained(tiny: &Tiny, more: &str) -> PathBuf {
-    let mut command = train(tiny, "model");
-    command.args(["--quiet", "--executor", "cpu", "--profile", "3dgs"]).args(more.split_whitespace());
-    command.assert().success();
+    train_plain(tiny, "model").arg("--quiet").args(more.split_whitespace()).assert().success();
     tiny.path("model")
 }
 
@@ -143,7 +141,8 @@ fn names_in_files_do_not_control_the_terminal() {
 #[test]
 fn numbers_that_are_finite_and_not_usable_are_refused() {
     let tiny = Tiny::new();
-    let model = trained(&tiny, "--profile specula --overwrite");
+    train(&tiny, "model").args(["--quiet", "--executor", "cpu"]).assert().success();
+    let model = tiny.path("model");
     let light = tiny.path("light.exr");
     let map = specula_io::latlong::LatLong { width: 2, height: 1, rgb: vec![1.0; 6] };
     specula_io::latlong::write(&light, &map).unwrap();

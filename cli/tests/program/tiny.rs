@@ -105,9 +105,22 @@ fn draw([right, up, back]: &[[f32; 3]; 3], path: &Path, normals: Option<&Path>) 
 
 /// Words of a training that takes a second.
 pub(crate) fn train(tiny: &Tiny, model: &str) -> Command {
+    let mut command = short_training(tiny, model);
+    command.args(["--light-resolution", "16"]);
+    command
+}
+
+/// Words of a training of plain Gaussians on the CPU.
+pub(crate) fn train_plain(tiny: &Tiny, model: &str) -> Command {
+    let mut command = short_training(tiny, model);
+    command.args(["--profile", "3dgs", "--executor", "cpu"]);
+    command
+}
+
+fn short_training(tiny: &Tiny, model: &str) -> Command {
     let mut command = specula();
     command.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path(model));
-    command.args(["--iterations", "30", "--random-points", "200", "--light-resolution", "16"]);
+    command.args(["--iterations", "30", "--random-points", "200"]);
     command
 }
 
