@@ -16,8 +16,8 @@ struct Kind {
 }
 
 /// Remedy for Gaussians in formats of other viewers.
-const CONVERT: &str = "convert it to a PLY file in the plain layout of 3D Gaussian splatting, with splat-transform or \
-                       SuperSplat";
+const CONVERT: &str = "open the model or the .ply file that it was made from, or convert it to a plain PLY file of 3D \
+                       Gaussian splatting with splat-transform or SuperSplat";
 /// Remedy for pictures.
 const NO_SCENE: &str = "open a model folder, a PLY or a .glb file of Gaussians, and name lights with --env";
 /// Remedy for meshes.
