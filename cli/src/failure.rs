@@ -50,8 +50,8 @@ impl Failure {
         }
     }
 
-    /// Failure of a panic that says that memory is short; none of others, whose message the hook has
-    /// printed.
+    /// Failure of a panic that says that memory is short; none of others, whose message the hook
+    /// has printed.
     pub(crate) fn out_of_memory(payload: &(dyn Any + Send)) -> Option<Self> {
         payload.downcast_ref().map(|fault: &OutOfMemory| Self::Input(format!("{fault}, with -r or --size")))
     }

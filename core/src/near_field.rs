@@ -238,8 +238,8 @@ impl<A: AsMut<[f32]>> NearField<A> {
 }
 
 impl<A: AsRef<[f32]>> NearField<A> {
-    /// Checks that a traversal ends, in a time that its boxes bound, and reads no number that is not
-    /// there.
+    /// Checks that a traversal ends, in a time that its boxes bound, and reads no number that is
+    /// not there.
     ///
     /// # Errors
     ///

@@ -29,7 +29,7 @@ pub use crate::{
     shot::{Changes, View},
 };
 
-/// What a data set holds, beside its pictures.
+/// Contents of a data set, beside its pictures.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Report {
     /// Short description of the source of the cameras: format, list, lenses.
@@ -53,7 +53,7 @@ pub struct Dataset {
     pub points: Option<PointCloud>,
     /// Origin of cameras and points in the data set's world ([`crate::origin`]).
     pub origin: [f64; 3],
-    /// What the data set holds.
+    /// Contents of the data set, beside its pictures.
     pub report: Report,
     /// Notes on skipped, changed or assumed data, one sentence each.
     pub notes: Vec<String>,
@@ -69,7 +69,7 @@ pub struct Album {
     pub points: Option<PointCloud>,
     /// Origin of cameras and points in the data set's world ([`crate::origin`]).
     pub origin: [f64; 3],
-    /// What the data set holds.
+    /// Contents of the data set, beside its pictures.
     pub report: Report,
     /// Notes on skipped or assumed data, one sentence each.
     pub notes: Vec<String>,
@@ -222,7 +222,8 @@ fn list_files(files: &Files, options: &LoadOptions) -> Result<Listing> {
     colmap::list(files, &model, options)
 }
 
-/// Data set that COLMAP has put into a folder of its workspace, where that has no images of its own.
+/// Data set that COLMAP has put into a folder of its workspace, where that has no images of its
+/// own.
 fn undistorted_workspace(folder: &Path, options: &LoadOptions) -> Option<PathBuf> {
     const PLACES: [&str; 2] = ["dense/0", "dense"];
     let has_own = [blender::TRAIN, nerfstudio::LIST, &options.images].iter().any(|name| folder.join(name).exists());

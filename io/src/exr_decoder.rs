@@ -32,7 +32,7 @@ pub(crate) struct ExrDecoder<'a> {
     reader: Reader<BufReader<Opened<'a>>>,
     header: Header,
     names: Names,
-    /// What of the file is not read as it is, a sentence each.
+    /// Notes on parts of the file that are not read as they are, a sentence each.
     pub(crate) notes: Vec<String>,
 }
 

@@ -55,7 +55,7 @@ pub struct GaussianFile {
     pub gaussians: Gaussians<Vec<f32>>,
     /// Comment lines of the header.
     pub comments: Vec<String>,
-    /// What of the file is not taken as it is, a sentence each.
+    /// Notes on parts of the file that are not taken as they are, a sentence each.
     pub notes: Vec<String>,
 }
 

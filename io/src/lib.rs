@@ -11,7 +11,8 @@
 //! * [`gaussian_ply`], [`points_ply`]: Gaussians and points
 //! * [`latlong`]: light as `.hdr` and `.exr`, conversion to and from cube maps; [`ktx`]: cube maps
 //!   for other programs
-//! * [`splat`], [`spz`], [`glb`]: plain Gaussians for other programs, and of them as glTF; [`mesh`]: surfaces
+//! * [`splat`], [`spz`], [`glb`]: plain Gaussians for other programs, and of them as glTF;
+//!   [`mesh`]: surfaces
 //! * [`picture`]: PNGs, comparisons, animations; [`planes`]: numbers of pictures as OpenEXR
 //! * [`model_folder`]: the output of a training, in the field's layout
 //! * [`exposure`]: exposures of the training photographs

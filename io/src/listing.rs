@@ -12,14 +12,14 @@ pub struct LoadOptions {
     pub with_test: bool,
     /// Point cloud to start from, in place of the data set's.
     pub points: Option<PathBuf>,
-    /// Folder of images within the data set; lists of paths decide it, unless it is another one than
-    /// [`IMAGES`]. Smaller copies in a folder such as `images_4` are read where there are any.
+    /// Folder of images within the data set; lists of paths decide it, unless it is another one
+    /// than [`IMAGES`]. Smaller copies in a folder such as `images_4` are read where there are any.
     pub images: String,
     /// Every Nth photograph by name, from the first, is held out where the data set names no test
     /// views; none for 0.
     pub test_every: u32,
-    /// Origin to which positions are relative, in the world of the data set, such as that of a model
-    /// ([`crate::origin`]); by default it follows from the cameras.
+    /// Origin to which positions are relative, in the world of the data set, such as that of a
+    /// model ([`crate::origin`]); by default it follows from the cameras.
     pub origin: Option<[f64; 3]>,
 }
 

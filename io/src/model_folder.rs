@@ -129,7 +129,7 @@ pub struct Model {
     pub gaussians: Gaussians<Vec<f32>>,
     /// Comment lines of their file.
     pub comments: Vec<String>,
-    /// What of their file is not taken as it is, a sentence each.
+    /// Notes on parts of their file that are not taken as they are, a sentence each.
     pub notes: Vec<String>,
     /// Light as radiance ([`RadianceActivation::Identity`]), or as a network; none for plain
     /// Gaussian splatting.
@@ -144,7 +144,8 @@ pub struct Model {
     pub iteration: Option<u32>,
 }
 
-/// Writes the inputs of a training: cameras and initial points relative to an origin, and `cfg_args`.
+/// Writes the inputs of a training: cameras and initial points relative to an origin, and
+/// `cfg_args`.
 ///
 /// # Errors
 ///

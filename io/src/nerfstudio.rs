@@ -59,8 +59,8 @@ struct Split {
 }
 
 impl Split {
-    /// Lists of training and of test views; none if the file has neither. Names that are those of no
-    /// frame are noted.
+    /// Lists of training and of test views; none if the file has neither. Names that are those of
+    /// no frame are noted.
     ///
     /// # Errors
     ///

@@ -14,8 +14,8 @@ const FAR: f64 = 8.0;
 /// Start of the comment of a PLY file.
 const COMMENT: &str = "origin ";
 
-/// Origin of a data set with cameras at these positions: their mean, rounded to a power of ten below
-/// their spread; zero where they are not far from the origin.
+/// Origin of a data set with cameras at these positions: their mean, rounded to a power of ten
+/// below their spread; zero where they are not far from the origin.
 pub(crate) fn of_cameras(positions: impl Iterator<Item = DVec3> + Clone) -> [f64; 3] {
     let count = positions.clone().count().max(1) as f64;
     let mean = positions.clone().fold(DVec3::ZERO, |sum, position| sum + position / count);

@@ -211,8 +211,8 @@ impl Mask {
         Ok(Self::of(decode(Input::file(path), MASK)?))
     }
 
-    /// Decodes the mask of a photograph of this size that was rotated by an orientation. A mask that
-    /// only has the photograph's shape as it was stored is rotated alike.
+    /// Decodes the mask of a photograph of this size that was rotated by an orientation. A mask
+    /// that only has the photograph's shape as it was stored is rotated alike.
     ///
     /// # Errors
     ///

@@ -90,7 +90,8 @@ pub(crate) fn read_noting(path: &Path, notes: &mut Vec<String>) -> Result<PointC
     Ok(PointCloud { positions, colors })
 }
 
-/// Step between neighbouring 32-bit numbers at points, if it is coarse beside the size of the cloud.
+/// Step between neighbouring 32-bit numbers at points, if it is coarse beside the size of the
+/// cloud.
 fn resolution(positions: &[[f64; 3]]) -> Option<f32> {
     let along = |axis: usize| positions.iter().map(move |position| position[axis]);
     let [mut most, mut size] = [0.0_f64; 2];

@@ -96,8 +96,8 @@ pub fn lock(path: &Path) -> Result<core::result::Result<File, TryLockError>> {
     Ok(file.try_lock().map(|()| file))
 }
 
-/// Locks a file as [`lock`] does, and waits while other programs hold the lock. None, with a warning,
-/// where the file system has no locks.
+/// Locks a file as [`lock`] does, and waits while other programs hold the lock. None, with a
+/// warning, where the file system has no locks.
 ///
 /// # Errors
 ///

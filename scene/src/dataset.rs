@@ -46,7 +46,7 @@ pub struct Dataset {
     pub origin: [f64; 3],
     /// Orientation estimated from the cameras; none without cameras.
     pub orientation: Option<Orientation>,
-    /// What the data set holds, beside its pictures.
+    /// Contents of the data set, beside its pictures.
     pub report: Report,
     /// Notes on skipped, changed or assumed data, one sentence each.
     pub notes: Vec<String>,

@@ -31,8 +31,8 @@ pub enum Foreground {
 }
 
 impl Foreground {
-    /// Ball in a scene with this orientation, whose origin is at a place of the data set's world; none
-    /// for all Gaussians.
+    /// Ball in a scene with this orientation, whose origin is at a place of the data set's world;
+    /// none for all Gaussians.
     pub fn ball(self, orientation: Option<&Orientation>, origin: [f64; 3]) -> Option<Ball> {
         match self {
             Self::All => None,

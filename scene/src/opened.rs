@@ -40,7 +40,7 @@ pub struct OpenedModel {
     pub is_relit: bool,
     /// Whether the shading model is the one that the files name.
     pub is_read_as_saved: bool,
-    /// What of the files is not taken as it is, a sentence each.
+    /// Notes on parts of the files that are not taken as they are, a sentence each.
     pub notes: Vec<String>,
     /// Orientation that a file names.
     up_of_file: Option<Orientation>,

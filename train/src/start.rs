@@ -91,16 +91,16 @@ fn half_cube(extent: f32) -> f32 {
 }
 
 /// Random grey points in the cube of NeRF Synthetic, scaled if the camera extent differs much and
-/// centred at the origin. Points that a picture with an alpha channel shows as empty are redrawn a bounded number of
-/// times.
+/// centred at the origin. Points that a picture with an alpha channel shows as empty are redrawn a
+/// bounded number of times.
 pub fn random_points(count: usize, views: &[View], seed: u64) -> Vec<Point> {
     let silhouettes: Vec<_> = views.iter().map(|view| Silhouette::of(&view.rgba)).collect();
     let cameras: Vec<Camera> = views.iter().map(|view| view.camera).collect();
     points_within(count, [0.0; 3], &cameras, &silhouettes, seed)
 }
 
-/// [`random_points`] for cameras that look at a `centre`, and the silhouettes of their pictures. The
-/// cube is around the centre if that is [outside of the middle](OFF_CENTRE) of one around the
+/// [`random_points`] for cameras that look at a `centre`, and the silhouettes of their pictures.
+/// The cube is around the centre if that is [outside of the middle](OFF_CENTRE) of one around the
 /// origin.
 pub fn points_within(
     count: usize,

@@ -1,5 +1,5 @@
-//! Folders from elsewhere: nothing outside of a model folder is written, emptied or removed, what is
-//! no file is not waited for, and no name controls the terminal.
+//! Folders from elsewhere: nothing outside of a model folder is written, emptied or removed, what
+//! is no file is not waited for, and no name controls the terminal.
 
 use crate::tiny::{Tiny, specula, train, train_plain};
 use assert_cmd::Command;

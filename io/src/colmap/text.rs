@@ -40,8 +40,8 @@ impl<'a> Lines<'a> {
         Ok(read > 0)
     }
 
-    /// Reads the next line, of which no more than a record of an image may have; false at the end of
-    /// the file.
+    /// Reads the next line, of which no more than a record of an image may have; false at the end
+    /// of the file.
     fn next_short(&mut self) -> Result<bool> {
         self.line.clear();
         self.number += 1;

@@ -134,7 +134,7 @@ impl File<'_> {
         Ok(())
     }
 
-    /// What of a document is not shown beside Gaussians.
+    /// Note on parts of a document that are not shown beside Gaussians.
     pub(super) fn left_out(&self, placed: &[Placed<'_>]) -> Option<String> {
         let shown: HashSet<*const Primitive> =
             placed.iter().map(|placed| core::ptr::from_ref(placed.primitive)).collect();

@@ -43,14 +43,14 @@ const DIRECTION_COUNT: usize = 64;
 /// Contents of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GlbScene {
-    /// Gaussians with harmonics of colours: of one list, in the world of its attributes; of several,
-    /// or one that is stretched, in the world of the file.
+    /// Gaussians with harmonics of colours: of one list, in the world of its attributes; of
+    /// several, or one that is stretched, in the world of the file.
     pub gaussians: Gaussians<Vec<f32>>,
     /// Shading attributes, where there are any.
     pub shading: Option<Shading>,
     /// Up direction in the world of the Gaussians, a unit vector.
     pub up: [f64; 3],
-    /// What of the file is not taken as it is, a sentence each.
+    /// Notes on parts of the file that are not taken as they are, a sentence each.
     pub notes: Vec<String>,
 }
 

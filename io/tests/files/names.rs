@@ -94,7 +94,8 @@ fn names_of_any_system_find_their_pictures() {
 fn several_pictures_that_may_be_meant_are_told_and_none_is_taken() {
     let folder = data_set("transforms.json", &["images/A.png", "images/b.png"], &["images/b.png"], json!({}));
     write_pictures(&folder, &["images/a.PNG", "images/a.jpg"]);
-    // A name apart from its case comes before another ending, and one camera has no other's picture.
+    // A name apart from its case comes before another ending, and one camera has no other's
+    // picture.
     assert_eq!(load(&folder).train.len(), 2);
     fs::rename(folder.path().join("images/a.PNG"), folder.path().join("images/a.webp")).unwrap();
     let data = load(&folder);
