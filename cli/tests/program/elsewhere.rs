@@ -53,7 +53,7 @@ fn links_of_a_model_lead_to_nothing_that_is_written_or_removed() {
     for (name, target, words) in [
         ("training.lock", "others/index.html", "train --resume -m"),
         ("point_cloud", "others", &*again),
-        ("light", "others", "train --resume -m"),
+        ("light", "others", &again),
         ("brdf_mlp/iteration_30", "others/iteration_7", &again),
         ("test", "others", "render"),
         ("test/ours_30", "others", "render"),
