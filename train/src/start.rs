@@ -100,7 +100,7 @@ pub fn random_points(count: usize, views: &[View], seed: u64) -> Vec<Point> {
 }
 
 /// [`random_points`] for cameras that look at a `centre`, and the silhouettes of their pictures.
-/// The cube is around the centre if that is [outside of the middle](OFF_CENTRE) of one around the
+/// The cube is around the centre if that is outside of the middle half of one around the
 /// origin.
 pub fn points_within(
     count: usize,
