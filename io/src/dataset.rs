@@ -207,6 +207,8 @@ fn move_to_origin(listing: &mut Listing, options: &LoadOptions) {
     if let Some(comment) = origin::comment(origin) {
         listing.notes.push(format!("positions are relative to the {comment}, since the cameras are far from 0 0 0"));
     }
+    let positions = listing.train.iter().chain(&listing.test).map(|shot| shot.pose.position);
+    listing.notes.extend(origin::note_coarse(origin, positions));
     listing.origin = origin;
 }
 

@@ -54,6 +54,8 @@ const HDR_RESOLUTION: usize = 512;
 
 /// Relative error of RGBE, which rounds all channels of a pixel to steps of 1/256 of the largest.
 const RGBE_ERROR: f64 = 0.02;
+/// Files of a training beside its models and checkpoint.
+const FILES: [&str; 8] = [INFO, RESULTS, PER_VIEW, TIMELINE, "cameras.json", "input.ply", "cfg_args", "config.toml"];
 /// File of the training's settings.
 const INFO: &str = "specula.json";
 /// File of mean metrics, by method.
@@ -170,11 +172,12 @@ pub fn remove_unfinished(folder: &Path) {
     whole_file::remove_unfinished(folder, LEVELS);
 }
 
-/// Refuses a folder whose models are in folders elsewhere, which links lead to.
+/// Refuses a folder whose models are in folders elsewhere, which links lead to, or that has folders
+/// in the places of files.
 ///
 /// # Errors
 ///
-/// [`Error::Link`].
+/// [`Error::Link`], [`Error::NotAFile`].
 pub fn refuse_links_in(folder: &Path) -> Result<()> {
     for iterations in ITERATIONS.map(|name| folder.join(name)) {
         refuse_links(folder, &iterations)?;
@@ -182,7 +185,12 @@ pub fn refuse_links_in(folder: &Path) -> Result<()> {
             refuse_links(folder, &iteration)?;
         }
     }
-    Ok(())
+    let others = ["exposure.json", RESULTS_LOCK].map(|name| folder.join(name));
+    let mut files = FILES.map(|name| folder.join(name)).into_iter().chain(others).chain([checkpoint::path_in(folder)]);
+    match files.find(|path| path.symlink_metadata().is_ok_and(|found| found.is_dir())) {
+        Some(path) => Err(Error::NotAFile { path }),
+        None => Ok(()),
+    }
 }
 
 /// Writes a model at an iteration, which becomes the newest. Earlier iterations are kept.
@@ -250,8 +258,7 @@ pub fn remove_training(folder: &Path) -> Result<()> {
     for iterations in ITERATIONS {
         remove_children(&folder.join(iterations), |path| iteration_of(path).is_some())?;
     }
-    let files = [INFO, RESULTS, PER_VIEW, TIMELINE, "cameras.json", "input.ply", "cfg_args", "config.toml"];
-    for file in files.map(|name| folder.join(name)).into_iter().chain([checkpoint::path_in(folder)]) {
+    for file in FILES.map(|name| folder.join(name)).into_iter().chain([checkpoint::path_in(folder)]) {
         remove_file(&file)?;
     }
     exposure::remove(folder)?;

@@ -11,6 +11,8 @@ use glam::DVec3;
 /// are moved: rounding is 1e-6 of the spread there, and about as large as the last steps of a
 /// training.
 const FAR: f64 = 8.0;
+/// Step of positions, relative to the cameras' distance from their origin, from which it is noted.
+const COARSE: f64 = 1e-5;
 /// Start of the comment of a PLY file.
 const COMMENT: &str = "origin ";
 
@@ -28,6 +30,18 @@ pub(crate) fn of_cameras(positions: impl Iterator<Item = DVec3> + Clone) -> [f64
     let step = 10_f64.powf(spread.log10().floor());
     let rounded = (mean / step).round() * step;
     if rounded.is_finite() { rounded.to_array() } else { [0.0; 3] }
+}
+
+/// Note on positions whose steps, as doubles far from the origin of their world, are coarse beside
+/// the cameras' spread.
+pub(crate) fn note_coarse(origin: [f64; 3], positions: impl Iterator<Item = DVec3>) -> Option<String> {
+    let most = DVec3::from(origin).abs().max_element();
+    let step = most.next_up() - most;
+    let spread = positions.map(DVec3::length).fold(0.0, f64::max);
+    let spread = if spread > 0.0 { spread } else { 1.0 };
+    (step > COARSE * spread).then(|| {
+        format!("positions are so far from 0 0 0 that doubles have steps of {step} there; write them nearer to it")
+    })
 }
 
 /// Returns whether positions are those of the data set's world.
@@ -79,6 +93,16 @@ mod tests {
         assert_eq!(of_cameras(ring(far, 400.0)), [448_100.0, 5_411_100.0, 200.0]);
         let small = of_cameras(ring(DVec3::X, 2e-3));
         assert!((small[0] - 1.0).abs() < 1.1e-3, "{small:?}");
+    }
+
+    #[test]
+    fn positions_without_digits_are_noted() {
+        let noted = |far: f64| {
+            let far = DVec3::splat(far);
+            let origin = of_cameras(ring(far, 4.0));
+            note_coarse(origin, ring(far, 4.0).map(|position| position - DVec3::from(origin))).is_some()
+        };
+        assert!(!noted(0.0) && !noted(5e6) && noted(1e13) && noted(1e16));
     }
 
     #[test]

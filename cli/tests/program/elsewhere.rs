@@ -42,7 +42,7 @@ fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 #[test]
 fn links_of_a_model_lead_to_nothing_that_is_written_or_removed() {
     let tiny = Tiny::new();
-    let model = trained(&tiny, "");
+    let model = trained(&tiny, "--eval");
     let (others, aside) = (tiny.path("others"), tiny.path("aside"));
     fs::create_dir_all(others.join("iteration_7")).unwrap();
     for name in ["iteration_7/point_cloud.ply", "00000.png", "00009.png", "index.html", "views.json"] {

@@ -179,6 +179,18 @@ fn what_is_no_file_is_told() {
 }
 
 #[test]
+fn nothing_is_removed_where_a_folder_has_the_name_of_a_file() {
+    for name in ["results.json", "config.toml", "results.lock", "checkpoint.safetensors"] {
+        let folder = tempfile::tempdir().unwrap();
+        save(folder.path(), 7, None);
+        fs::create_dir(folder.path().join(name)).unwrap();
+        let refused = model_folder::remove_training(folder.path()).unwrap_err();
+        assert!(matches!(&refused, Error::NotAFile { path } if path.ends_with(name)), "{refused}");
+        assert!(model_folder::gaussians_at(folder.path(), 7).is_file(), "the model stays");
+    }
+}
+
+#[test]
 fn results_of_measurements_at_the_same_time_are_all_kept() {
     let folder = tempfile::tempdir().unwrap();
     let quality = vec![("PSNR".to_owned(), 30.0, vec![("a".to_owned(), 30.0)])];
