@@ -107,7 +107,8 @@ impl<'a> Place<'a> {
         let counter = Region::new(ALLOCATOR);
         let result = (self.target.read)(self.folder.path());
         let taken = counter.change().bytes_allocated;
-        // What a budget grants is allocated twice: to see whether the system grants it as well, and to be used.
+        // Memory within a budget is allocated twice: to see whether the system grants it, and to be
+        // used.
         let allowed = 2 * (self.target.memory + BYTES_FOR_EACH * (bytes.len() + self.right.len()));
         assert!(taken <= allowed, "{taken} bytes for a file of {} bytes", bytes.len());
         if let Err(sentence) = &result {
