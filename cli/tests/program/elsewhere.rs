@@ -167,7 +167,7 @@ fn numbers_that_are_finite_and_not_usable_are_refused() {
 #[test]
 fn want_of_memory_is_a_sentence() {
     let tiny = Tiny::new();
-    let model = trained(&tiny, "--eval");
+    let model = trained(&tiny, "");
     let program = on(&model, "render --executor cpu --turntable 1 --size 16384,8192 --threads 1");
     let mut limited = Command::new("sh");
     limited.args(["-c", "ulimit -v 2000000; exec \"$0\" \"$@\""]).arg(program.get_program()).args(program.get_args());
