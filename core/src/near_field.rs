@@ -295,13 +295,13 @@ impl<A: AsRef<[f32]>> NearField<A> {
         let cost_of = |ray: usize| {
             let from = ray * self.triangle_count / COST_RAYS;
             let to = (from + self.triangle_count / 2 + ray) % self.triangle_count;
-            self.tests(middle(from), middle(to) - middle(from))
+            self.count_tests(middle(from), middle(to) - middle(from))
         };
         (0..COST_RAYS).map(cost_of).sum::<usize>() / COST_RAYS
     }
 
     /// Number of boxes and triangles that a ray is tested against, however near it ends.
-    fn tests(&self, origin: Vec3<f32>, direction: Vec3<f32>) -> usize {
+    fn count_tests(&self, origin: Vec3<f32>, direction: Vec3<f32>) -> usize {
         let inverse = inverse_direction(direction);
         let (mut index, mut tests) = (0, 0);
         while index < self.node_count {

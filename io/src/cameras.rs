@@ -49,7 +49,7 @@ struct Entry {
 pub fn read_cameras(path: &Path, default_size: [u32; 2], origin: [f64; 3]) -> Result<Vec<NamedCamera>> {
     let bytes = LIST.read(path)?;
     let first = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes).trim_ascii_start().first();
-    if first == Some(&b'[') { read_relative(path, origin) } else { load_transforms(path, default_size, origin) }
+    if first == Some(&b'[') { read_relative(path, Some(origin)) } else { load_transforms(path, default_size, origin) }
 }
 
 /// Reads the cameras of a `transforms.json`, whose images need not exist.
@@ -85,17 +85,16 @@ fn size_of(transforms: &Transforms, frame: &Frame) -> Result<Option<[u32; 2]>> {
 ///
 /// An error of [`crate::Error`] for files that cannot be read or parsed, and for invalid cameras.
 pub fn read(path: &Path) -> Result<Vec<NamedCamera>> {
-    let entries = entries(path)?.into_iter();
-    entries.map(|entry| Entry { origin: [0.0; 3], ..entry }.check(path, [0.0; 3])).collect()
+    read_relative(path, None)
 }
 
-fn read_relative(path: &Path, origin: [f64; 3]) -> Result<Vec<NamedCamera>> {
-    entries(path)?.into_iter().map(|entry| entry.check(path, origin)).collect()
-}
-
-fn entries(path: &Path) -> Result<Vec<Entry>> {
+/// Reads `cameras.json`, relative to an origin, or else to that of each entry.
+fn read_relative(path: &Path, origin: Option<[f64; 3]>) -> Result<Vec<NamedCamera>> {
     let entries: Vec<Entry> = json::read(path, &LIST)?;
-    if entries.is_empty() { Err(Error::NoFrames { path: path.to_owned() }) } else { Ok(entries) }
+    if entries.is_empty() {
+        return Err(Error::NoFrames { path: path.to_owned() });
+    }
+    entries.into_iter().map(|entry| entry.check(path, origin)).collect()
 }
 
 /// Writes `cameras.json`, numbered in order, with the origin to which positions are relative.
@@ -127,17 +126,18 @@ impl Entry {
         }
     }
 
-    fn check(self, path: &Path, origin: [f64; 3]) -> Result<NamedCamera> {
+    fn check(self, path: &Path, origin: Option<[f64; 3]>) -> Result<NamedCamera> {
         let size = view_size([self.width, self.height].map(u64::from));
         let of_size = size.err().map(|what| format!("has {what}; correct width and height"));
         if let Some(what) = of_size.or_else(|| self.fault().map(str::to_owned)) {
             return Err(Error::Frame { path: path.to_owned(), frame: self.img_name, what });
         }
         let camera_from_world = self.camera_from_world().expect("it has no fault");
+        let moved = origin.map_or(DVec3::ZERO, |origin| DVec3::from(origin) - DVec3::from(self.origin));
         let [centre_x, centre_y] = centre(self.width, self.height);
         let camera = Camera {
             camera_from_world,
-            position: (DVec3::from(self.position) - (DVec3::from(origin) - DVec3::from(self.origin))).as_vec3(),
+            position: (DVec3::from(self.position) - moved).as_vec3(),
             focal_px: [self.fx, self.fy],
             principal_px: [self.cx.unwrap_or(centre_x), self.cy.unwrap_or(centre_y)],
             near: NEAR,

@@ -42,6 +42,17 @@ pub struct Report {
     pub left_out: Vec<String>,
 }
 
+impl Report {
+    fn of(files: &Files, listing: &Listing) -> Self {
+        Self {
+            source: listing.source.clone(),
+            held_out: listing.held_out.clone(),
+            masks: listing.shots().filter(|shot| shot.mask.is_some()).count(),
+            left_out: left_out(files, listing),
+        }
+    }
+}
+
 /// Training views, test views and initial points.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Dataset {
@@ -82,12 +93,15 @@ impl Album {
     ///
     /// An error of the listing or of the points.
     pub fn list(folder: &Path, options: &LoadOptions) -> Result<Self> {
-        let (Listing { train: mut shots, test, mut points, origin, mut notes, .. }, report) = list(folder, options)?;
+        let (files, mut listing) = list(folder, options)?;
+        let report = Report::of(&files, &listing);
         if let Some(path) = &options.points {
-            points = Some(points_ply::read_noting(path, &mut notes)?);
+            listing.points = Some(points_ply::read_noting(path, &mut listing.notes)?);
         }
-        let points = points.map(|points| points.relative_to(origin));
-        notes.extend(doubts(shots.iter().chain(&test), points.as_ref()));
+        listing.points = listing.points.map(|points| points.relative_to(listing.origin));
+        let doubts = doubts(&listing);
+        let Listing { train: mut shots, test, points, origin, mut notes, .. } = listing;
+        notes.extend(doubts);
         if !report.left_out.is_empty() {
             notes.push(format!("not used: {}", report.left_out.join("; ")));
         }
@@ -169,14 +183,13 @@ pub fn load(folder: &Path, options: &LoadOptions, progress: impl Fn(usize, usize
 pub fn load_one(folder: &Path, options: &LoadOptions, is_held_out: bool, index: usize) -> Result<Option<View>> {
     // With a point cloud in the options, the data set's points are not read.
     let without_points = LoadOptions { points: Some(PathBuf::new()), ..options.clone() };
-    let (Listing { train, test, .. }, _) = list(folder, &without_points)?;
+    let (_, listing) = list(folder, &without_points)?;
     // Without held-out views, test views follow the training views.
-    let place = if is_held_out { train.len() + index } else { index };
-    let shot = train.iter().chain(&test).nth(place);
-    shot.map(|shot| shot.open().map(|(view, _)| view)).transpose()
+    let place = if is_held_out { listing.train.len() + index } else { index };
+    listing.shots().nth(place).map(|shot| shot.open().map(|(view, _)| view)).transpose()
 }
 
-fn list(folder: &Path, options: &LoadOptions) -> Result<(Listing, Report)> {
+fn list(folder: &Path, options: &LoadOptions) -> Result<(Files, Listing)> {
     if options.downscale == 0 {
         return Err(Error::Downscale { path: folder.to_owned(), downscale: 0 });
     }
@@ -192,23 +205,19 @@ fn list(folder: &Path, options: &LoadOptions) -> Result<(Listing, Report)> {
         listing.used.push(path);
     }
     move_to_origin(&mut listing, options);
-    let masks = listing.train.iter().chain(&listing.test).filter(|shot| shot.mask.is_some()).count();
-    let left_out = left_out(&files, &listing);
-    let (source, held_out) = (core::mem::take(&mut listing.source), core::mem::take(&mut listing.held_out));
-    Ok((listing, Report { source, held_out, masks, left_out }))
+    Ok((files, listing))
 }
 
 /// Makes positions of cameras relative to an origin near them, if they are far from that of their
 /// world.
 fn move_to_origin(listing: &mut Listing, options: &LoadOptions) {
-    let positions = listing.train.iter().chain(&listing.test).map(|shot| shot.pose.position);
-    let origin = options.origin.unwrap_or_else(|| origin::of_cameras(positions));
+    let positions = |listing: &Listing| listing.shots().map(|shot| shot.pose.position).collect::<Vec<_>>();
+    let origin = options.origin.unwrap_or_else(|| origin::of_cameras(&positions(listing)));
     listing.train.iter_mut().chain(&mut listing.test).for_each(|shot| shot.pose.position -= DVec3::from(origin));
     if let Some(comment) = origin::comment(origin) {
         listing.notes.push(format!("positions are relative to the {comment}, since the cameras are far from 0 0 0"));
     }
-    let positions = listing.train.iter().chain(&listing.test).map(|shot| shot.pose.position);
-    listing.notes.extend(origin::note_coarse(origin, positions));
+    listing.notes.extend(origin::note_coarse(origin, &positions(listing)));
     listing.origin = origin;
 }
 

@@ -1,18 +1,15 @@
 //! Cameras whose poses are probably wrong.
 
-use crate::{points_ply::PointCloud, shot::Shot};
+use crate::{listing::Listing, shot::Shot};
 use glam::DVec3;
 
 /// Distance of a camera from the middle of all, relative to the median, from which it is noted.
 const FAR: f64 = 10.0;
 
 /// Notes on cameras far from all others, and on cameras that see no point.
-pub(crate) fn doubts<'a>(
-    shots: impl Iterator<Item = &'a Shot> + Clone,
-    points: Option<&PointCloud>,
-) -> impl Iterator<Item = String> {
-    let points = points.map_or(&[][..], |points| &points.positions);
-    far_away(shots.clone()).into_iter().chain(all_behind(shots, points))
+pub(crate) fn doubts(listing: &Listing) -> impl Iterator<Item = String> + use<> {
+    let points = listing.points.as_ref().map_or(&[][..], |points| &points.positions);
+    far_away(listing.shots()).into_iter().chain(all_behind(listing.shots(), points))
 }
 
 fn far_away<'a>(shots: impl Iterator<Item = &'a Shot> + Clone) -> Option<String> {

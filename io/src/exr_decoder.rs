@@ -1,7 +1,7 @@
 //! Colours of OpenEXR files by the names of their channels, which `image` reads as R, G and B only.
 //!
-//! Layers are prefixes of names, such as `ViewLayer.Combined.R`, or parts of the file. Luminance
-//! alone, `Y`, is grey.
+//! Layers are prefixes of names, such as `ViewLayer.Combined.R`, or parts of the file. A file
+//! with only luminance, `Y`, is grey.
 
 use crate::{
     error::{Error, Result},

@@ -14,6 +14,7 @@
 //! The layout is the one whose columns are there; other columns are left out, and noted.
 
 use crate::{
+    affine::SCALE_MIN,
     error::{Error, Result},
     kinds,
     table::{Columns, Table},
@@ -41,8 +42,6 @@ const RADIANCE_LAYOUT: &str = "the layout of 3D Gaussian splatting";
 const SHADED_LAYOUT: &str = "GaussianShader's layout";
 /// Thickness of a flat Gaussian, relative to its smaller axis.
 const FLAT: f32 = 1e-3;
-/// Scale of an axis of a Gaussian that has none, in world units.
-const SCALE_MIN: f32 = 1e-12;
 /// Number of Gaussians that are not all alike by chance.
 const MANY: usize = 20;
 /// Number of names in a note.
@@ -143,7 +142,7 @@ fn replace_infinities(columns: &mut Columns, count: usize, is_flat: bool) -> [us
 fn thin(log_scales: [f32; 3]) -> [f32; 3] {
     let finite = log_scales.into_iter().filter(|log_scale| *log_scale != f32::NEG_INFINITY);
     let smallest = finite.fold(f32::INFINITY, f32::min);
-    let thin = if smallest == f32::INFINITY { SCALE_MIN.ln() } else { smallest + FLAT.ln() };
+    let thin = if smallest == f32::INFINITY { (SCALE_MIN as f32).ln() } else { smallest + FLAT.ln() };
     log_scales.map(|log_scale| if log_scale == f32::NEG_INFINITY { thin } else { log_scale })
 }
 
@@ -225,9 +224,9 @@ fn layout_of(path: &Path, table: &Table) -> Result<Layout> {
 /// Returns whether a file has GaussianShader's layout, or a part of it without harmonics by which
 /// it could be shown.
 fn is_shaded(table: &Table, rest_count: usize) -> bool {
-    let of_shaded = OF_SHADED.iter().filter(|name| table.has(name)).count();
+    let shaded_columns = OF_SHADED.iter().filter(|name| table.has(name)).count();
     let has_harmonics = rest_count > 0 && degree_of(rest_count + 3).is_some();
-    (of_shaded == OF_SHADED.len() && table.has("roughness")) || (of_shaded > 0 && !has_harmonics)
+    (shaded_columns == OF_SHADED.len() && table.has("roughness")) || (shaded_columns > 0 && !has_harmonics)
 }
 
 /// Degree of spherical harmonics with `numbers` coefficients in three colours.

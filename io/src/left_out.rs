@@ -20,15 +20,14 @@ const MEASURED: [&str; 5] = ["env.hdr", "env.exr", "light", "relit", "relight"];
 /// Entries of a data set that are not used, with the reason: pictures without cameras beside those
 /// that have one, and other folders and files at the top.
 pub(crate) fn left_out(files: &Files, listing: &Listing) -> Vec<String> {
-    let shots = || listing.train.iter().chain(&listing.test);
-    let read = shots().flat_map(files_of).chain(listing.used.iter().map(PathBuf::as_path));
+    let read = listing.shots().flat_map(files_of).chain(listing.used.iter().map(PathBuf::as_path));
     let used: HashSet<String> = read.map(|path| files.key_below(path)).collect();
-    let of_pictures: HashSet<String> = shots().map(|shot| files.key_below(parent(&shot.image))).collect();
+    let picture_folders: HashSet<String> = listing.shots().map(|shot| files.key_below(parent(&shot.image))).collect();
 
     let (mut pictures, mut entries) = (BTreeMap::<&Path, usize>::new(), BTreeMap::<&Path, usize>::new());
     let is_used = |path: &Path| path.ancestors().any(|above| used.contains(&key_of(above)));
     for path in files.paths.iter().filter(|path| !is_used(path) && !is_aside(path)) {
-        let count = match of_pictures.contains(&key_of(parent(path))) && is_picture(path) {
+        let count = match picture_folders.contains(&key_of(parent(path))) && is_picture(path) {
             true => pictures.entry(parent(path)).or_default(),
             false => entries.entry(path.iter().next().map_or(path, Path::new)).or_default(),
         };

@@ -63,3 +63,10 @@ pub(crate) struct Listing {
     /// Files that were read, or will be, beside those of the shots.
     pub(crate) used: Vec<PathBuf>,
 }
+
+impl Listing {
+    /// Pictures to train on, then those held out.
+    pub(crate) fn shots(&self) -> impl Iterator<Item = &Shot> + Clone {
+        self.train.iter().chain(&self.test)
+    }
+}

@@ -15,8 +15,8 @@
 //!         checkpoint.safetensors                    training state; see [`crate::checkpoint`]
 //! ```
 //!
-//! What lies in these folders may be a link to a file elsewhere. Folders that are links are not
-//! written to ([`within`]). `results.lock` is locked while results are changed.
+//! Files in these folders may be links to files elsewhere. Folders that are links are not written
+//! to ([`within`]). `results.lock` is locked while results are changed.
 //!
 //! `specula.json` names the shading function of the numbers and lists the iterations that were
 //! saved, the newest last, so that an older training of the same folder is not opened by mistake.
@@ -54,7 +54,7 @@ const HDR_RESOLUTION: usize = 512;
 
 /// Relative error of RGBE, which rounds all channels of a pixel to steps of 1/256 of the largest.
 const RGBE_ERROR: f64 = 0.02;
-/// Files of a training beside its models and checkpoint.
+/// Files of a training beside its models, exposures and checkpoint.
 const FILES: [&str; 8] = [INFO, RESULTS, PER_VIEW, TIMELINE, "cameras.json", "input.ply", "cfg_args", "config.toml"];
 /// File of the training's settings.
 const INFO: &str = "specula.json";
@@ -185,9 +185,10 @@ pub fn refuse_links_in(folder: &Path) -> Result<()> {
             refuse_links(folder, &iteration)?;
         }
     }
-    let others = ["exposure.json", RESULTS_LOCK].map(|name| folder.join(name));
-    let mut files = FILES.map(|name| folder.join(name)).into_iter().chain(others).chain([checkpoint::path_in(folder)]);
-    match files.find(|path| path.symlink_metadata().is_ok_and(|found| found.is_dir())) {
+    match files_of(folder)
+        .chain([folder.join(RESULTS_LOCK)])
+        .find(|path| path.symlink_metadata().is_ok_and(|found| found.is_dir()))
+    {
         Some(path) => Err(Error::NotAFile { path }),
         None => Ok(()),
     }
@@ -258,10 +259,7 @@ pub fn remove_training(folder: &Path) -> Result<()> {
     for iterations in ITERATIONS {
         remove_children(&folder.join(iterations), |path| iteration_of(path).is_some())?;
     }
-    for file in FILES.map(|name| folder.join(name)).into_iter().chain([checkpoint::path_in(folder)]) {
-        remove_file(&file)?;
-    }
-    exposure::remove(folder)?;
+    files_of(folder).try_for_each(|file| remove_file(&file))?;
     // Pictures of the model: `<layer>/ours_N`, and `relight/<light>/ours_N`.
     for what in folders_in(folder) {
         remove_children(&what, is_of_method)?;
@@ -270,6 +268,12 @@ pub fn remove_training(folder: &Path) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// Paths of the files of a training beside its models.
+fn files_of(folder: &Path) -> impl Iterator<Item = PathBuf> {
+    let others = [exposure::path_in(folder), checkpoint::path_in(folder)];
+    FILES.map(|name| folder.join(name)).into_iter().chain(others)
 }
 
 fn is_of_method(folder: &Path) -> bool {

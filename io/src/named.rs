@@ -183,7 +183,7 @@ impl Files {
     }
 }
 
-/// Whether a walk goes on into an entry.
+/// Returns whether a walk descends into an entry.
 fn is_of_data_set(entry: &DirEntry) -> bool {
     let is_hidden = entry.file_name().to_string_lossy().starts_with('.');
     entry.depth() == 0 || !(is_hidden || entry.path().join("specula.json").is_file())

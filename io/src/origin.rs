@@ -18,11 +18,10 @@ const COMMENT: &str = "origin ";
 
 /// Origin of a data set with cameras at these positions: their mean, rounded to a power of ten
 /// below their spread; zero where they are not far from the origin.
-pub(crate) fn of_cameras(positions: impl Iterator<Item = DVec3> + Clone) -> [f64; 3] {
-    let count = positions.clone().count().max(1) as f64;
-    let mean = positions.clone().fold(DVec3::ZERO, |sum, position| sum + position / count);
-    let spread = positions.map(|position| position.distance(mean)).fold(0.0, f64::max);
-    let spread = if spread > 0.0 { spread } else { 1.0 };
+pub(crate) fn of_cameras(positions: &[DVec3]) -> [f64; 3] {
+    let count = positions.len().max(1) as f64;
+    let mean = positions.iter().fold(DVec3::ZERO, |sum, position| sum + *position / count);
+    let spread = spread(positions, mean);
     // The comparison is false for NaN.
     if !(mean.length() > FAR * spread) {
         return [0.0; 3];
@@ -32,14 +31,18 @@ pub(crate) fn of_cameras(positions: impl Iterator<Item = DVec3> + Clone) -> [f64
     if rounded.is_finite() { rounded.to_array() } else { [0.0; 3] }
 }
 
+/// Largest distance from a place; 1 where all positions are there.
+fn spread(positions: &[DVec3], from: DVec3) -> f64 {
+    let spread = positions.iter().map(|position| position.distance(from)).fold(0.0, f64::max);
+    if spread > 0.0 { spread } else { 1.0 }
+}
+
 /// Note on positions whose steps, as doubles far from the origin of their world, are coarse beside
 /// the cameras' spread.
-pub(crate) fn note_coarse(origin: [f64; 3], positions: impl Iterator<Item = DVec3>) -> Option<String> {
+pub(crate) fn note_coarse(origin: [f64; 3], positions: &[DVec3]) -> Option<String> {
     let most = DVec3::from(origin).abs().max_element();
     let step = most.next_up() - most;
-    let spread = positions.map(DVec3::length).fold(0.0, f64::max);
-    let spread = if spread > 0.0 { spread } else { 1.0 };
-    (step > COARSE * spread).then(|| {
+    (step > COARSE * spread(positions, DVec3::ZERO)).then(|| {
         format!("positions are so far from 0 0 0 that doubles have steps of {step} there; write them nearer to it")
     })
 }
@@ -69,9 +72,9 @@ pub fn of_comments(comments: &[String]) -> [f64; 3] {
 mod tests {
     use super::*;
 
-    fn ring(centre: DVec3, radius: f64) -> impl Iterator<Item = DVec3> + Clone {
-        (0..12).map(move |k| {
-            let (sin, cos) = f64::from(k).sin_cos();
+    fn ring(centre: DVec3, radius: f64) -> [DVec3; 12] {
+        core::array::from_fn(|k| {
+            let (sin, cos) = (k as f64).sin_cos();
             centre + radius * DVec3::new(cos, sin, 0.3)
         })
     }
@@ -79,19 +82,19 @@ mod tests {
     #[test]
     fn cameras_near_the_origin_stay_where_they_are() {
         for (distance, radius) in [(0.0, 4.0), (3.0, 4.0), (100.0, 40.0), (1e-6, 1e-6)] {
-            assert_eq!(of_cameras(ring(DVec3::splat(distance), radius)), [0.0; 3], "{distance}, {radius}");
+            assert_eq!(of_cameras(&ring(DVec3::splat(distance), radius)), [0.0; 3], "{distance}, {radius}");
         }
-        assert_eq!(of_cameras([DVec3::splat(2.0)].into_iter()), [0.0; 3], "one camera");
-        assert_eq!(of_cameras(core::iter::empty()), [0.0; 3]);
-        assert_eq!(of_cameras([DVec3::NAN, DVec3::ONE].into_iter()), [0.0; 3]);
+        assert_eq!(of_cameras(&[DVec3::splat(2.0)]), [0.0; 3], "one camera");
+        assert_eq!(of_cameras(&[]), [0.0; 3]);
+        assert_eq!(of_cameras(&[DVec3::NAN, DVec3::ONE]), [0.0; 3]);
     }
 
     #[test]
     fn cameras_far_from_the_origin_get_one_of_few_digits() {
         let far = DVec3::new(448_123.4, 5_411_067.8, 120.0);
-        assert_eq!(of_cameras(ring(far, 4.0)), [448_123.0, 5_411_068.0, 121.0]);
-        assert_eq!(of_cameras(ring(far, 400.0)), [448_100.0, 5_411_100.0, 200.0]);
-        let small = of_cameras(ring(DVec3::X, 2e-3));
+        assert_eq!(of_cameras(&ring(far, 4.0)), [448_123.0, 5_411_068.0, 121.0]);
+        assert_eq!(of_cameras(&ring(far, 400.0)), [448_100.0, 5_411_100.0, 200.0]);
+        let small = of_cameras(&ring(DVec3::X, 2e-3));
         assert!((small[0] - 1.0).abs() < 1.1e-3, "{small:?}");
     }
 
@@ -99,8 +102,8 @@ mod tests {
     fn positions_without_digits_are_noted() {
         let noted = |far: f64| {
             let far = DVec3::splat(far);
-            let origin = of_cameras(ring(far, 4.0));
-            note_coarse(origin, ring(far, 4.0).map(|position| position - DVec3::from(origin))).is_some()
+            let origin = of_cameras(&ring(far, 4.0));
+            note_coarse(origin, &ring(far, 4.0).map(|position| position - DVec3::from(origin))).is_some()
         };
         assert!(!noted(0.0) && !noted(5e6) && noted(1e13) && noted(1e16));
     }

@@ -74,7 +74,7 @@ impl Folders<'_> {
 
     /// Images of all cameras in the largest smaller copies that there are, with that folder.
     fn copies_of(&self, posed: &[Posed], downscale: u32) -> Option<(Vec<Place>, PathBuf)> {
-        let of_factor = |factor: u32| {
+        let copies = |factor: u32| {
             let copy = |camera: &Posed| match camera.measured_size {
                 Some(_) => {
                     Ok((self.files.picture(&self.smaller(factor).join(&camera.image))?, (downscale / factor).max(1)))
@@ -83,7 +83,7 @@ impl Folders<'_> {
             };
             (posed.iter().map(copy).collect::<Vec<Place>>(), self.smaller(factor))
         };
-        COPIES.into_iter().map(of_factor).find(|(places, _)| places.iter().flatten().next().is_some())
+        COPIES.into_iter().map(copies).find(|(places, _)| places.iter().flatten().next().is_some())
     }
 
     /// Folder of smaller copies: `images_4` for `images`.

@@ -1,6 +1,7 @@
 //! Coloured points as PLY files: initial points of a training.
 
 use crate::{error::Result, named::Files, table::Table, whole_file};
+use glam::DVec3;
 use specula_core::sh::Y0;
 use std::{
     io::Write,
@@ -32,8 +33,11 @@ pub struct PointCloud {
 impl PointCloud {
     /// Points relative to an origin.
     #[must_use]
-    pub(crate) fn relative_to(mut self, [x, y, z]: [f64; 3]) -> Self {
-        self.positions.iter_mut().for_each(|position| *position = [position[0] - x, position[1] - y, position[2] - z]);
+    pub(crate) fn relative_to(mut self, origin: [f64; 3]) -> Self {
+        let origin = DVec3::from(origin);
+        for position in &mut self.positions {
+            *position = (DVec3::from(*position) - origin).to_array();
+        }
         self
     }
 }

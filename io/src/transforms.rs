@@ -29,7 +29,7 @@ const RIGID_TOLERANCE: f64 = 1e-3;
 /// Tolerance for numbers of three decimals: products of columns are off by 1.7e-3 at most, and the
 /// mean length by as much a third of the time.
 const COARSE_TOLERANCE: f64 = 2.5e-3;
-/// Most entries of an object that are told.
+/// Most entries of an object that a note names.
 const KEYS_MAX: usize = 16;
 /// Entries that change neither pictures nor cameras: what programs note for themselves, and how
 /// they place a scene in their own worlds.
@@ -334,6 +334,7 @@ impl Transforms {
     /// Pose of a frame in the world of the data set.
     pub(crate) fn pose(&self, frame: &Frame) -> Result<Pose> {
         let mut pose = frame.pose().map_err(|what| self.refuse(frame, what))?;
+        // A difference keeps the sign of zero, which lists of cameras print.
         pose.position -= DVec3::ZERO - DVec3::from(self.rest.origin);
         Ok(pose)
     }

@@ -16,12 +16,12 @@ use specula_core::{
 use specula_io::{model_folder::ModelInfo, origin, points_ply::PointCloud};
 use specula_scene::{
     OpenedModel, Scene,
-    dataset::Dataset,
+    dataset::{Dataset, points_of},
     environment::radiance,
     number::group_digits,
     text::{printable, shown},
 };
-use specula_train::view::View;
+use specula_train::{start::Point, view::View};
 use std::path::Path;
 
 /// Facts as text and as JSON.
@@ -78,7 +78,7 @@ impl Contents {
     /// Contents of a PLY file with points that have no attributes of Gaussians.
     pub fn of_points(path: &Path, points: &PointCloud) -> Self {
         let mut contents = Self::new("points without Gaussians' attributes", path);
-        contents.add_points(&points.positions.iter().map(|place| place.map(|x| x as f32)).collect::<Vec<_>>());
+        contents.add_points(&points_of(points));
         contents
     }
 
@@ -89,7 +89,7 @@ impl Contents {
         contents.add_views(data);
         contents.add_origin(data.origin);
         match &data.points {
-            Some(points) => contents.add_points(&points.iter().map(|point| point.position).collect::<Vec<_>>()),
+            Some(points) => contents.add_points(points),
             None => contents.add("points", "none; training starts from random points".into(), Value::Null),
         }
         let left_out = &data.report.left_out;
@@ -230,10 +230,10 @@ impl Contents {
         self.add("filters", text, json!({"texels": filtered, "in_full": in_full, "levels": kept}));
     }
 
-    fn add_points(&mut self, positions: &[[f32; 3]]) {
-        self.add("points", group_digits(positions.len()), positions.len().into());
+    fn add_points(&mut self, points: &[Point]) {
+        self.add("points", group_digits(points.len()), points.len().into());
         for (axis, name) in ["position x", "position y", "position z"].into_iter().enumerate() {
-            if let Some(range) = Range::of(positions.iter().map(|position| position[axis])) {
+            if let Some(range) = Range::of(points.iter().map(|point| point.position[axis])) {
                 self.add(name, range.text(), range.json());
             }
         }

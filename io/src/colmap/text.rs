@@ -149,8 +149,8 @@ pub(super) fn images(path: &Path) -> Result<Vec<Image>> {
     Ok(images)
 }
 
-/// Whether a line is that of an image: 2D points are numbers alone, of which no four are a unit
-/// quaternion.
+/// Returns whether a line describes an image: a line of 2D points has numbers only, none of which
+/// form a unit quaternion.
 fn is_image(lines: &Lines<'_>) -> bool {
     image(lines).is_ok_and(|Image { quat, name, .. }| {
         let is_unit = (quat.iter().map(|number| number * number).sum::<f64>() - 1.0).abs() < 0.1;

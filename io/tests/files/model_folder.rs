@@ -117,7 +117,7 @@ fn folders_that_are_links_are_neither_written_nor_emptied() {
     let elsewhere = tempfile::tempdir().unwrap();
     save(elsewhere.path(), 7, None);
     let before = fs::read(model_folder::gaussians_at(elsewhere.path(), 7)).unwrap();
-    let of_seven = gaussians(7.0);
+    let linked = gaussians(7.0);
     for name in ["point_cloud", "light", "brdf_mlp", "point_cloud/iteration_7"] {
         let folder = tempfile::tempdir().unwrap();
         let link = folder.path().join(name);
@@ -132,7 +132,7 @@ fn folders_that_are_links_are_neither_written_nor_emptied() {
         assert!(fs::read(model_folder::gaussians_at(elsewhere.path(), 7)).unwrap() == before, "{name}");
         // Reading may follow it.
         if name == "point_cloud" {
-            assert_eq!(model_folder::open(folder.path()).unwrap().gaussians, of_seven);
+            assert_eq!(model_folder::open(folder.path()).unwrap().gaussians, linked);
         }
     }
 }

@@ -1,5 +1,4 @@
-//! Names of lists as any system writes them, and whatever else lies in a data set: what is used of
-//! it, and what is told.
+//! Names of lists as any system writes them, and other files of a data set: used, or noted.
 
 use crate::photographs::{FROM_ABOVE, HEIGHT, Scene, WIDTH, assert_says, made, names, picture};
 use image::{GrayImage, Luma, Rgb, RgbImage};

@@ -101,9 +101,9 @@ fn lists_of_cameras_name_their_origin() {
     let list = json!({"w": 10, "h": 10, "fl_x": 10.0, "origin": [1.0, 2.0, 3.0], "frames": frames(DVec3::ZERO)});
     let path = folder.path().join("path.json");
     fs::write(&path, list.to_string()).unwrap();
-    let of_path = |origin: [f64; 3]| cameras::read_cameras(&path, [1, 1], origin).unwrap()[0].1.position;
-    let moved = of_path([0.0; 3]) - Vec3::new(1.0, 2.0, 3.0);
-    assert!(of_path([1.0, 2.0, 3.0]).distance(moved) < ROUNDING);
+    let position_in_path = |origin: [f64; 3]| cameras::read_cameras(&path, [1, 1], origin).unwrap()[0].1.position;
+    let moved = position_in_path([0.0; 3]) - Vec3::new(1.0, 2.0, 3.0);
+    assert!(position_in_path([1.0, 2.0, 3.0]).distance(moved) < ROUNDING);
 }
 
 #[test]
