@@ -90,10 +90,12 @@ fn note_width(width_max: u32) {
 
 /// Error for a folder that is no data set but close to one.
 fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
-    if !matches!(error, Error::NoTransforms { .. } | Error::NoImages { .. }) {
+    if !matches!(error, Error::NoFolder { .. } | Error::NoTransforms { .. } | Error::NoImages { .. }) {
         return None;
     }
+    let has_cameras = matches!(error, Error::NoImages { .. });
     Some(Failure::Input(match Misplaced::find(folder)? {
+        Misplaced::CamerasOf { .. } | Misplaced::Pictures { .. } | Misplaced::Video(_) if has_cameras => return None,
         Misplaced::PartOf(whole) => {
             format!("{folder:?} is a part of a data set; did you mean the folder above, {whole:?}?")
         }
@@ -103,6 +105,18 @@ fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
         Misplaced::ParentOf(meant) => {
             format!("{folder:?} is no data set, but there is one in it; did you mean {meant:?}?")
         }
+        Misplaced::CamerasOf { program, remedy } => {
+            format!("{folder:?} has cameras of {program}, which are not read; {remedy}")
+        }
+        Misplaced::Pictures { count, folder: pictures } => format!(
+            "{pictures:?} has {count} pictures, but {folder:?} no cameras (no transforms_train.json, transforms.json or \
+             sparse/0); COLMAP finds them: colmap automatic_reconstructor --workspace_path {folder:?} --image_path \
+             {pictures:?}"
+        ),
+        Misplaced::Video(path) => format!(
+            "{path:?} is a video; write two or three pictures a second into a folder, and let COLMAP find their \
+             cameras: mkdir -p data/images && ffmpeg -i {path:?} -vf fps=2 -q:v 2 data/images/%04d.jpg"
+        ),
     }))
 }
 

@@ -38,9 +38,10 @@ pub(crate) fn ending(path: &Path) -> Option<String> {
     Some(path.extension()?.to_str()?.to_ascii_lowercase())
 }
 
-/// File name without its extension.
+/// File name without its extension, which names no other folder: of `..hdr` the whole name.
 pub(crate) fn stem(path: &Path) -> String {
-    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    let stem = path.file_stem().filter(|stem| !["", ".", ".."].contains(&stem.to_str().unwrap_or("-")));
+    stem.or_else(|| path.file_name()).unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Creates a folder and tests that files can be written to it, before long work instead of after

@@ -77,6 +77,9 @@ pub(crate) fn note_oddities(opened: &OpenedModel) {
     if opened.is_relit {
         tracing::warn!("brdf_mlp.hdr is not the light that was saved with the model, so the scene is shown under it");
     }
+    if opened.scene.gaussians.count == 0 {
+        tracing::warn!("the scene has no Gaussians, so only its background is shown");
+    }
     if let Some(reasons) = opened.scene.nonfinite_reasons() {
         tracing::warn!("Gaussians with numbers that are not finite are left out: {reasons}");
     }

@@ -25,7 +25,7 @@ struct Entry {
     #[serde(serialize_with = "as_f32")]
     position: [f64; 3],
     /// Origin to which the position is relative, in the world of the data set; omitted at zero.
-    #[serde(default, skip_serializing_if = "origin::is_zero")]
+    #[serde(default, skip_serializing_if = "origin::is_zero", deserialize_with = "origin::read")]
     origin: [f64; 3],
     /// Rows of the world-from-camera rotation.
     rotation: [[f32; 3]; 3],

@@ -7,6 +7,7 @@
 //! removed ([`crate::lens`]). A picture is rotated by its EXIF orientation where it fits its camera
 //! only so.
 
+pub use crate::named::is_picture;
 use crate::{
     blender, colmap,
     doubts::doubts,

@@ -331,7 +331,7 @@ pub enum Error {
     /// Numbers are NaN or infinite.
     #[error(
         "{count} numbers in {path:?} are NaN or infinite, the first at vertex {index}, property \"{property}\"; \
-         remove those vertices, or take an earlier iteration"
+         remove those vertices, or write the file again"
     )]
     NotFinite {
         /// The file.

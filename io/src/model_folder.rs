@@ -98,7 +98,7 @@ pub struct ModelInfo {
     #[serde(alias = "bearings", skip_serializing_if = "Option::is_none")]
     pub orientation: Option<Orientation>,
     /// Origin of the Gaussians and cameras in the data set's world; omitted at zero.
-    #[serde(skip_serializing_if = "origin::is_zero")]
+    #[serde(skip_serializing_if = "origin::is_zero", deserialize_with = "origin::read")]
     pub origin: [f64; 3],
     /// Saved iterations of this training, the newest last; empty in models of earlier versions.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -173,7 +173,7 @@ pub fn remove_unfinished(folder: &Path) {
 }
 
 /// Refuses a folder whose models are in folders elsewhere, which links lead to, or that has folders
-/// in the places of files.
+/// or pipes in the places of files.
 ///
 /// # Errors
 ///
@@ -187,7 +187,7 @@ pub fn refuse_links_in(folder: &Path) -> Result<()> {
     }
     match files_of(folder)
         .chain([folder.join(RESULTS_LOCK)])
-        .find(|path| path.symlink_metadata().is_ok_and(|found| found.is_dir()))
+        .find(|path| path.symlink_metadata().is_ok_and(|found| !found.is_file() && !found.is_symlink()))
     {
         Some(path) => Err(Error::NotAFile { path }),
         None => Ok(()),

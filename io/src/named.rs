@@ -5,10 +5,12 @@
 //! that the data set does not have loses its leading parts. Where that leaves several files, none
 //! is guessed.
 
-use crate::shot::{IMAGE_ENDINGS, find_image, has_image_ending};
+use crate::{
+    shot::{IMAGE_ENDINGS, find_image, has_image_ending},
+    within,
+};
 use std::{
     collections::HashMap,
-    fs::File,
     io::Read,
     path::{Component, Path, PathBuf},
 };
@@ -236,14 +238,14 @@ fn has_ending(path: &Path, endings: &[&str]) -> bool {
 }
 
 /// Whether a file is a picture, or a video, by its name.
-pub(crate) fn is_picture(path: &Path) -> bool {
+pub fn is_picture(path: &Path) -> bool {
     has_image_ending(path) || has_ending(path, &UNREAD_ENDINGS)
 }
 
 /// Format of a file that no picture is read from, by its first bytes.
 pub(crate) fn unread_format(path: &Path) -> Option<&'static str> {
     let mut start = [0; 12];
-    File::open(path).ok()?.read_exact(&mut start).ok()?;
+    within::open(path).ok()?.read_exact(&mut start).ok()?;
     let brand = (&start[4..8] == b"ftyp").then_some(&start[8..]);
     match (&start[..4], brand) {
         (_, Some(b"avif" | b"avis")) => Some("AVIF"),

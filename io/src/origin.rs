@@ -6,6 +6,7 @@
 //! relative to its origin.
 
 use glam::DVec3;
+use serde::{Deserialize, Deserializer, de::Error as _};
 
 /// Distance of the cameras' mean from the origin, relative to their spread, from which positions
 /// are moved: rounding is 1e-6 of the spread there, and about as large as the last steps of a
@@ -15,6 +16,8 @@ const FAR: f64 = 8.0;
 const COARSE: f64 = 1e-5;
 /// Start of the comment of a PLY file.
 const COMMENT: &str = "origin ";
+/// Largest coordinate of an origin, so that sums of it and an `f32` stay far from infinity.
+const ORIGIN_MAX: f64 = 1e30;
 
 /// Origin of a data set with cameras at these positions: their mean, rounded to a power of ten
 /// below their spread; zero where they are not far from the origin.
@@ -28,7 +31,7 @@ pub(crate) fn of_cameras(positions: &[DVec3]) -> [f64; 3] {
     }
     let step = 10_f64.powf(spread.log10().floor());
     let rounded = (mean / step).round() * step;
-    if rounded.is_finite() { rounded.to_array() } else { [0.0; 3] }
+    Some(rounded.to_array()).filter(is_usable).unwrap_or_default()
 }
 
 /// Largest distance from a place; 1 where all positions are there.
@@ -47,6 +50,25 @@ pub(crate) fn note_coarse(origin: [f64; 3], positions: &[DVec3]) -> Option<Strin
     })
 }
 
+/// Returns whether an origin is finite and within its range.
+pub(crate) fn is_usable(origin: &[f64; 3]) -> bool {
+    // The comparison is false for NaN.
+    origin.iter().all(|number| number.abs() <= ORIGIN_MAX)
+}
+
+/// Reads an origin from a file.
+///
+/// # Errors
+///
+/// An origin beyond 10³⁰ units.
+pub(crate) fn read<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 3], D::Error> {
+    let origin = <[f64; 3]>::deserialize(from)?;
+    match is_usable(&origin) {
+        true => Ok(origin),
+        false => Err(D::Error::custom(format_args!("the origin {origin:?} is beyond {ORIGIN_MAX:e} units"))),
+    }
+}
+
 /// Returns whether positions are those of the data set's world.
 pub fn is_zero(origin: &[f64; 3]) -> bool {
     *origin == [0.0; 3]
@@ -63,7 +85,7 @@ pub fn of_comments(comments: &[String]) -> [f64; 3] {
     let numbers = |comment: &String| -> Option<[f64; 3]> {
         let words = comment.strip_prefix(COMMENT)?.split_ascii_whitespace();
         let numbers: Vec<f64> = words.map_while(|word| word.parse().ok()).collect();
-        numbers.try_into().ok().filter(|numbers: &[f64; 3]| DVec3::from(*numbers).is_finite())
+        numbers.try_into().ok().filter(is_usable)
     };
     comments.iter().find_map(numbers).unwrap_or_default()
 }
@@ -114,7 +136,9 @@ mod tests {
         let comments = ["specula".to_owned(), comment(origin).expect("it is not zero")];
         assert_eq!(of_comments(&comments), origin);
         assert_eq!(comment([0.0; 3]), None);
-        for other in ["origin 1 2", "origin 1 2 x", "origin 1 2 NaN", "origins 1 2 3", "origin 1 2 3 4"] {
+        for other in
+            ["origin 1 2 1e300", "origin 1 2", "origin 1 2 x", "origin 1 2 NaN", "origins 1 2 3", "origin 1 2 3 4"]
+        {
             assert_eq!(of_comments(&[other.into()]), [0.0; 3], "{other}");
         }
     }

@@ -6,6 +6,7 @@ use crate::{
     input::Input,
     kinds,
     latlong::start_of,
+    within,
 };
 use core::{fmt::Display, str::FromStr};
 use ply_rs_bw::{
@@ -37,6 +38,8 @@ pub(crate) struct Table {
     pub(crate) comments: Vec<String>,
     /// Whether the vertices belong to faces.
     pub(crate) has_faces: bool,
+    /// Whether nothing follows the vertices.
+    is_last: bool,
 }
 
 /// Type and byte offset of a number in a row.
@@ -118,16 +121,18 @@ impl Table {
         if !start_of(Input::file(path))?.starts_with(b"ply") {
             kinds::refuse(Input::file(path))?;
         }
-        let file = File::open(path).map_err(Error::reading(path))?;
+        let file = within::open(path)?;
         let len = file.metadata().map_err(Error::reading(path))?.len();
         let mut reader = BufReader::with_capacity(1 << 20, file);
         let header = read_header(path, &mut reader)?;
         refuse_repeated_names(path, &mut reader)?;
         refuse_compressed(path, &header)?;
         let vertex = vertex_of(path, &header)?.clone();
+        let after = header.elements.values().skip_while(|element| element.name != VERTEX).skip(1);
+        let is_last = after.into_iter().all(|element| element.count == 0);
         let has_faces = header.elements.values().any(|element| element.name == FACE && element.count > 0);
         let (path, comments) = (path.to_owned(), header.comments);
-        let mut table = Self { path, encoding: header.encoding, vertex, reader, len, comments, has_faces };
+        let mut table = Self { path, encoding: header.encoding, vertex, reader, len, comments, has_faces, is_last };
         for element in header.elements.values().take_while(|element| element.name != VERTEX) {
             table.skip(element)?;
         }
@@ -263,6 +268,10 @@ impl Table {
         match self.encoding {
             Encoding::Ascii => self.read_text(&mut columns, cells.len())?,
             _ => self.read_binary(&mut columns, &cells, row_size)?,
+        }
+        let left = if self.is_last { self.left()? } else { 0 };
+        if left > 0 && self.encoding != Encoding::Ascii {
+            tracing::warn!("{:?} has {left} bytes after its last vertex, which are not read", self.path);
         }
         Ok(columns)
     }

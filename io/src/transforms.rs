@@ -9,6 +9,7 @@ use crate::{
     lens::{Distortion, Lens},
     listing::LoadOptions,
     named::{Files, plain_path},
+    origin,
     photographs::Posed,
     shot::{self, Pose, camera_of, find_image},
 };
@@ -77,7 +78,7 @@ pub(crate) struct Rest {
     /// Transform from COLMAP's world to that of the frames: three rows of four numbers.
     pub(crate) applied_transform: Option<Vec<[f64; 4]>>,
     /// Origin to which positions are relative, in files that were written for a scene.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "origin::read")]
     pub(crate) origin: [f64; 3],
     /// Training frames, by their `file_path`.
     pub(crate) train_filenames: Option<Vec<String>>,

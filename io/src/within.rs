@@ -34,7 +34,8 @@ pub fn refuse_links(root: &Path, path: &Path) -> Result<()> {
     }
 }
 
-/// Opens a file for reading, which a link may lead to.
+/// Opens a file for reading, which a link may lead to. Reading never waits, as some files of
+/// `/proc` would.
 ///
 /// # Errors
 ///
@@ -42,7 +43,16 @@ pub fn refuse_links(root: &Path, path: &Path) -> Result<()> {
 /// [`Error::Read`].
 pub fn open(path: &Path) -> Result<File> {
     refuse_others(path)?;
-    File::open(path).map_err(Error::reading(path))
+    let mut options = OpenOptions::new();
+    options.read(true);
+    #[cfg(unix)]
+    set_flags(&mut options, rustix::fs::OFlags::NONBLOCK);
+    options.open(path).map_err(Error::reading(path))
+}
+
+#[cfg(unix)]
+fn set_flags(options: &mut OpenOptions, flags: rustix::fs::OFlags) {
+    std::os::unix::fs::OpenOptionsExt::custom_flags(options, flags.bits().cast_signed());
 }
 
 /// Returns whether there is a file to read; what is no regular file, or a link that leads nowhere,
@@ -131,7 +141,7 @@ fn open_to_lock(path: &Path) -> Result<File> {
     options.read(true).write(true).create(true).truncate(false);
     // A link that appears in this moment is not followed either.
     #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, rustix::fs::OFlags::NOFOLLOW.bits().cast_signed());
+    set_flags(&mut options, rustix::fs::OFlags::NOFOLLOW);
     options.open(path).map_err(|cause| Error::Write { path: path.to_owned(), cause })
 }
 

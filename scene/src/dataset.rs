@@ -6,7 +6,7 @@ use specula_core::camera::{Camera, near_of};
 use specula_io::{
     Result,
     cameras::NamedCamera,
-    dataset::{self, IMAGES, LoadOptions, Report, TEST_EVERY},
+    dataset::{self, IMAGES, LoadOptions, Report, TEST_EVERY, is_picture},
     materials::Materials,
     model_folder::ModelInfo,
     orientation::Orientation,
@@ -154,11 +154,42 @@ pub enum Misplaced {
     Model,
     /// Parent of this data set, the first by name.
     ParentOf(PathBuf),
+    /// Cameras of another program.
+    CamerasOf {
+        /// The program.
+        program: &'static str,
+        /// How it writes cameras that can be read.
+        remedy: &'static str,
+    },
+    /// Pictures without cameras.
+    Pictures {
+        /// How many.
+        count: usize,
+        /// Where they are.
+        folder: PathBuf,
+    },
+    /// A video.
+    Video(PathBuf),
 }
+
+/// Files of other programs' cameras, by name or ending, and how to write others.
+const OTHERS: [(&str, &str, &str); 6] = [
+    ("reconstruction.json", "OpenSfM", "write it for COLMAP with `opensfm export_colmap`"),
+    (".psx", "Metashape", "write it for COLMAP with File > Export > Export Cameras"),
+    (".rcproj", "RealityScan", "write it for COLMAP with Export > Registration"),
+    ("cameras.xml", "Metashape", "write it for COLMAP with File > Export > Export Cameras"),
+    ("bundle.out", "Bundler", "open the pictures with COLMAP and reconstruct them there"),
+    ("database.db", "COLMAP", "reconstruct it with `colmap mapper`, which writes sparse/0"),
+];
+/// Endings of videos.
+const VIDEOS: [&str; 6] = ["mp4", "mov", "mkv", "webm", "avi", "m4v"];
 
 impl Misplaced {
     /// Relation of a folder without a data set to one nearby; none if there is none.
     pub fn find(folder: &Path) -> Option<Self> {
+        if folder.is_file() {
+            return is_video(folder).then(|| Self::Video(folder.to_owned()));
+        }
         let whole = std::path::absolute(folder).ok()?;
         if let Some(meant) = whole.ancestors().skip(1).take(2).find(|above| has_files(above)) {
             return Some(Self::PartOf(meant.to_owned()));
@@ -166,9 +197,40 @@ impl Misplaced {
         if folder.join("specula.json").is_file() {
             return Some(Self::Model);
         }
-        let entries = std::fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path());
-        entries.filter(|path| has_files(path)).min().map(Self::ParentOf)
+        let mut entries: Vec<PathBuf> = std::fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path()).collect();
+        entries.sort_unstable();
+        if let Some(child) = entries.iter().find(|path| has_files(path)) {
+            return Some(Self::ParentOf(child.clone()));
+        }
+        Self::of_others(&entries).or_else(|| Self::bare(folder, &entries))
     }
+
+    /// Cameras of another program among the entries of a folder.
+    fn of_others(entries: &[PathBuf]) -> Option<Self> {
+        let names: Vec<String> =
+            entries.iter().filter_map(|path| Some(path.file_name()?.to_string_lossy().to_lowercase())).collect();
+        let is_there = |wanted: &str| names.iter().any(|name| name.ends_with(wanted));
+        let found = OTHERS.into_iter().find(|(wanted, ..)| is_there(wanted));
+        found.map(|(_, program, remedy)| Self::CamerasOf { program, remedy })
+    }
+
+    /// Pictures of a folder or of one below it, or else a video.
+    fn bare(folder: &Path, entries: &[PathBuf]) -> Option<Self> {
+        let pictures = |folder: &Path| {
+            let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+            entries.map(|entry| entry.path()).filter(|path| is_picture(path) && !is_video(path)).count()
+        };
+        let folders = core::iter::once(folder).chain(entries.iter().filter(|path| path.is_dir()).map(PathBuf::as_path));
+        let counted = folders.map(|folder| (pictures(folder), folder)).find(|(count, _)| *count > 0);
+        if let Some((count, folder)) = counted {
+            return Some(Self::Pictures { count, folder: folder.to_owned() });
+        }
+        entries.iter().find(|path| is_video(path)).map(|path| Self::Video(path.clone()))
+    }
+}
+
+fn is_video(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| VIDEOS.contains(&ending.to_ascii_lowercase().to_string_lossy().as_ref()))
 }
 
 /// Returns whether a folder has files of a data set.

@@ -19,14 +19,26 @@ use specula_io::{
     orientation::{Orientation, UpSource},
 };
 
-/// Reads a scene, its orientation, and notes on what is not shown as it is, from glTF with
-/// Gaussians.
+/// Scene of a glTF file.
+#[derive(Debug)]
+pub struct Imported {
+    /// The scene.
+    pub scene: Scene,
+    /// Up direction, as the file has it.
+    pub orientation: Orientation,
+    /// Origin of the Gaussians in the world of their data set ([`specula_io::origin`]).
+    pub origin: [f64; 3],
+    /// Notes on what is not shown as it is, a sentence each.
+    pub notes: Vec<String>,
+}
+
+/// Reads a scene from glTF with Gaussians.
 ///
 /// # Errors
 ///
 /// [`Error::Glb`] for a file without Gaussians or with faults.
-pub fn scene_of_glb(input: Input<'_>) -> Result<(Scene, Orientation, Vec<String>), SceneError> {
-    let GlbScene { gaussians, shading, up, notes } = glb::read(input)?;
+pub fn scene_of_glb(input: Input<'_>) -> Result<Imported, SceneError> {
+    let GlbScene { gaussians, shading, up, origin, notes } = glb::read(input)?;
     let refuse = |cause: String| Error::Glb { path: input.path().to_owned(), cause };
     if gaussians.count == 0 || !gaussians.values.iter().all(|number| number.is_finite()) {
         return Err(refuse("it has no Gaussians, or some that are not finite".to_owned()).into());
@@ -37,7 +49,7 @@ pub fn scene_of_glb(input: Input<'_>) -> Result<(Scene, Orientation, Vec<String>
         None => plain,
         Some(shading) => shaded(plain, shading).map_err(refuse)?,
     };
-    Ok((scene, orientation, notes))
+    Ok(Imported { scene, orientation, origin, notes })
 }
 
 /// Scene with the shading attributes of a file in place of its colours.

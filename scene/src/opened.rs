@@ -3,7 +3,7 @@
 use crate::{
     Scene, SceneError, ShadingModel, Surface,
     export::UPRIGHT_COMMENT,
-    import::scene_of_glb,
+    import::{Imported, scene_of_glb},
     orbit::{self, near_plane, turntable},
     orientation::{of_gaussians, recorded_or_estimated, with_up},
 };
@@ -104,14 +104,14 @@ impl OpenedModel {
     ///
     /// A file that cannot be read, or that [`scene_of_glb`] refuses.
     pub fn of_glb(path: &Path) -> core::result::Result<Self, SceneError> {
-        let (mut scene, orientation, notes) = scene_of_glb(Input::file(path))?;
+        let Imported { mut scene, orientation, origin, notes } = scene_of_glb(Input::file(path))?;
         sort_in_space(&mut scene.gaussians);
         Ok(Self {
             scene,
             folder: None,
             iteration: None,
             info: None,
-            origin: [0.0; 3],
+            origin,
             is_relit: false,
             is_read_as_saved: true,
             notes,

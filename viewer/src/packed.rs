@@ -30,7 +30,12 @@ use specula_core::{
 };
 use specula_io::{Input, orientation::Orientation};
 use specula_mesh::near_field::rearranged;
-use specula_scene::{Scene, ShadingModel, Surface, import, light_file::MapUp, number::group_digits};
+use specula_scene::{
+    Scene, ShadingModel, Surface,
+    import::{self, Imported},
+    light_file::MapUp,
+    number::group_digits,
+};
 use streams::{Reader, Stream, Writer};
 
 /// First bytes of a packed scene; the last one is the version of the format.
@@ -200,7 +205,7 @@ impl PackedScene {
 
     /// Scene of glTF with Gaussians.
     fn of_glb(name: &str, bytes: &[u8]) -> Result<Self, ViewerError> {
-        let (scene, orientation, notes) = import::scene_of_glb(Input::memory(name, bytes))?;
+        let Imported { scene, orientation, notes, .. } = import::scene_of_glb(Input::memory(name, bytes))?;
         let kind = match (scene.gaussians.layout.is_physical, scene.gaussians.layout.is_shaded()) {
             (true, _) => "physical materials, relightable",
             (false, true) => "a shading function, relightable",

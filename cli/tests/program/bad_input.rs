@@ -180,6 +180,32 @@ fn no_command_and_a_wrong_one() {
 }
 
 #[test]
+fn pictures_videos_and_cameras_of_other_programs_are_no_data_set_yet() {
+    let tiny = Tiny::new();
+    let no_data = |files: &[&str], parts: &[&str]| {
+        let folder = tiny.path("elsewhere");
+        files.iter().for_each(|file| {
+            fs::create_dir_all(folder.join(file).parent().unwrap()).unwrap();
+            fs::write(folder.join(file), "").unwrap();
+        });
+        let mut command = specula();
+        command.arg("train").arg(&folder).arg("-m").arg(tiny.path("model"));
+        refuses(command, parts);
+        fs::remove_dir_all(folder).unwrap();
+    };
+    no_data(&["images/a.jpg", "images/b.JPG"], &["2 pictures", "no cameras", "colmap automatic_reconstructor"]);
+    no_data(&["a.heic"], &["1 pictures", "no cameras", "colmap"]);
+    no_data(&["images/a.jpg", "reconstruction.json"], &["OpenSfM", "opensfm export_colmap"]);
+    no_data(&["scan.psx"], &["Metashape", "Export Cameras"]);
+    no_data(&["walk.MP4"], &["a video", "ffmpeg -i", "fps=2"]);
+    let video = tiny.path("walk.mov");
+    fs::write(&video, "").unwrap();
+    let mut command = specula();
+    command.arg("train").arg(&video).arg("-m").arg(tiny.path("model"));
+    refuses(command, &["a video", "ffmpeg -i"]);
+}
+
+#[test]
 fn a_part_of_a_data_set() {
     let tiny = Tiny::new();
     for part in ["train", "sparse/0"] {

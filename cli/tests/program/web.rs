@@ -7,7 +7,10 @@ use crate::view::{dropped, share_that_differs, shown, sky};
 use image::RgbImage;
 use specula_core::rules::Channels;
 use specula_io::Input;
-use specula_scene::{OpenedModel, RenderOptions, Scene, SceneRenderer, import::scene_of_glb};
+use specula_scene::{
+    OpenedModel, RenderOptions, Scene, SceneRenderer,
+    import::{Imported, scene_of_glb},
+};
 use specula_viewer::{TEXT_READER, text_of};
 use std::{
     fs,
@@ -437,7 +440,7 @@ fn a_scene_of_gltf_has_the_pictures_of_its_model() {
     let file = tiny.path("vase.glb");
     specula().arg("export").arg(&model).arg("-o").arg(&file).arg("--no-error").assert().success();
     let bytes = fs::read(&file).unwrap();
-    let (scene, orientation, _) = scene_of_glb(Input::memory("vase.glb", &bytes)).unwrap();
+    let Imported { scene, orientation, .. } = scene_of_glb(Input::memory("vase.glb", &bytes)).unwrap();
     assert_eq!(orientation.up, [0.0, 0.0, 1.0]);
     let opened = OpenedModel::open(&model).unwrap();
     let (_, camera) = opened.evaluation_cameras().unwrap()[0].clone();

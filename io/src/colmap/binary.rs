@@ -4,6 +4,7 @@ use super::record::{Camera, Image, KINDS, Point, UNREAD_KINDS, refuse, unknown_m
 use crate::{
     budget::SCENE,
     error::{Error, Result},
+    within,
 };
 use std::{
     fs::File,
@@ -36,7 +37,7 @@ struct Records<'a> {
 impl<'a> Records<'a> {
     /// Opens a file that begins with the count of its records, each of at least `len_min` bytes.
     fn open(path: &'a Path, what: &'static str, len_min: u64) -> Result<Self> {
-        let file = File::open(path).map_err(Error::reading(path))?;
+        let file = within::open(path)?;
         let left = file.metadata().map_err(Error::reading(path))?.len();
         let mut records = Self { path, reader: BufReader::new(file), left, what, count: 0, index: 0 };
         records.count = records.u64()?;

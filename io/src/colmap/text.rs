@@ -5,6 +5,7 @@ use super::record::{Camera, Image, KINDS, Kind, Point, refuse, unknown_model};
 use crate::{
     budget::COLMAP_LINE_MAX,
     error::{Error, Result},
+    within,
 };
 use core::str::FromStr;
 use std::{
@@ -27,7 +28,7 @@ struct Lines<'a> {
 
 impl<'a> Lines<'a> {
     fn open(path: &'a Path) -> Result<Self> {
-        let file = File::open(path).map_err(Error::reading(path))?;
+        let file = within::open(path)?;
         Ok(Self { path, reader: BufReader::new(file), line: Vec::new(), number: 0 })
     }
 

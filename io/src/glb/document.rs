@@ -5,6 +5,7 @@ use crate::{
     Input,
     budget::SCENE,
     error::{Error, Result},
+    origin,
 };
 use base64::{Engine, engine::general_purpose::STANDARD};
 use core::fmt::Display;
@@ -57,6 +58,15 @@ pub(super) struct Node {
     pub(super) scale: Option<Box<[f64; 3]>>,
     pub(super) matrix: Option<Box<[f64; 16]>>,
     pub(super) extensions: Map<String, Value>,
+    extras: Value,
+}
+
+impl Node {
+    /// Origin of positions that this program notes, else zero.
+    pub(super) fn origin(&self) -> [f64; 3] {
+        let named = self.extras.get("origin").and_then(|origin| <[f64; 3]>::deserialize(origin).ok());
+        named.filter(origin::is_usable).unwrap_or_default()
+    }
 }
 
 #[derive(Default, Deserialize)]

@@ -17,6 +17,8 @@ const LISTS_MAX: usize = 1 << 16;
 pub(super) struct Placed<'a> {
     pub(super) primitive: &'a Primitive,
     pub(super) world: DAffine3,
+    /// Origin that the node names, else zero.
+    pub(super) origin: [f64; 3],
     /// Rotation of the nodes above, if they name any.
     rotation: Option<DQuat>,
 }
@@ -60,7 +62,7 @@ impl File<'_> {
         let document = &self.document;
         let mut placed = Vec::new();
         if document.nodes.is_empty() {
-            (0..document.meshes.len()).try_for_each(|mesh| self.place(mesh, Above::NONE, &mut placed))?;
+            (0..document.meshes.len()).try_for_each(|mesh| self.place(mesh, Above::NONE, [0.0; 3], &mut placed))?;
         }
         if let Some(scene) = document.scenes.get(document.scene) {
             self.place_below(&scene.nodes, &mut placed)?;
@@ -92,7 +94,7 @@ impl File<'_> {
             let here = below(above, node);
             let before = placed.len();
             if let Some(mesh) = node.mesh {
-                self.place(mesh, here, placed)?;
+                self.place(mesh, here, node.origin(), placed)?;
             }
             if placed.len() > before {
                 self.refuse_unknown_place(index, node, here)?;
@@ -123,10 +125,10 @@ impl File<'_> {
         (0..is_child.len()).filter(|node| !is_child[*node]).collect()
     }
 
-    fn place<'a>(&'a self, mesh: usize, at: Above, placed: &mut Vec<Placed<'a>>) -> Result<()> {
+    fn place<'a>(&'a self, mesh: usize, at: Above, origin: [f64; 3], placed: &mut Vec<Placed<'a>>) -> Result<()> {
         let primitives = self.document.meshes.get(mesh).map_or(&[][..], |mesh| &mesh.primitives);
         let lists = primitives.iter().filter(|primitive| primitive.has_gaussians());
-        let lists = lists.map(|primitive| Placed { primitive, world: at.world, rotation: at.rotation });
+        let lists = lists.map(|primitive| Placed { primitive, world: at.world, origin, rotation: at.rotation });
         placed.extend(lists.take(LISTS_MAX + 1));
         if placed.len() > LISTS_MAX {
             return Err(self.broken(&format_args!("it has more than {LISTS_MAX} lists of Gaussians")));

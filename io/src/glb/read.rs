@@ -14,6 +14,7 @@ use crate::{
     gaussian_ply::note_no_rotations,
     latlong::{self, ending, start_of},
 };
+use core::ptr;
 use rayon::prelude::*;
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -24,7 +25,7 @@ use specula_core::{
     sh_fit::{self, Fit, Harmonics},
     sphere::directions,
 };
-use std::path::Path;
+use std::{collections::HashMap, path::Path};
 
 /// Words of the extension that are known. The first is the one where none is named.
 const KNOWN: [(&str, &[&str]); 4] = [
@@ -35,6 +36,8 @@ const KNOWN: [(&str, &[&str]); 4] = [
 ];
 /// Extensions that a file may require.
 const READ: [&str; 3] = [SPLATTING, SHADING, "KHR_mesh_quantization"];
+/// Most Gaussians that nodes add to those of a file by repeating its lists.
+const REPEATED_MAX: usize = 1 << 20;
 /// Opacities beyond 0 to 1 by no more than this are rounded.
 const OPACITY_ROUNDING: f32 = 1e-3;
 /// Directions in which linear colours are converted.
@@ -50,6 +53,8 @@ pub struct GlbScene {
     pub shading: Option<Shading>,
     /// Up direction in the world of the Gaussians, a unit vector.
     pub up: [f64; 3],
+    /// Origin of the Gaussians in the world of their data set, as this program's files name it.
+    pub origin: [f64; 3],
     /// Notes on parts of the file that are not taken as they are, a sentence each.
     pub notes: Vec<String>,
 }
@@ -87,7 +92,7 @@ pub fn read(input: Input<'_>) -> Result<GlbScene> {
             let gaussians = file.gaussians(only.primitive, &mut notes)?;
             let shading = file.shading(only.primitive, gaussians.count)?;
             let is_of_data = shading.is_some() || file.document.asset.generator.starts_with("specula ");
-            Ok(GlbScene { up: only.up(is_of_data), gaussians, shading, notes })
+            Ok(GlbScene { up: only.up(is_of_data), origin: only.origin, gaussians, shading, notes })
         }
         several => file.joined(several, notes),
     }
@@ -98,6 +103,15 @@ impl File<'_> {
     fn joined(&self, placed: &[Placed<'_>], mut notes: Vec<String>) -> Result<GlbScene> {
         let count_of = |list: &Placed<'_>| self.count(list.primitive, "POSITION").unwrap_or(0);
         let wanted = placed.iter().map(count_of).fold(0, usize::saturating_add);
+        let written: HashMap<_, _> =
+            placed.iter().map(|list| (ptr::from_ref(list.primitive), count_of(list))).collect();
+        let repeated = written.values().fold(wanted, |wanted, count| wanted.saturating_sub(*count));
+        if repeated > REPEATED_MAX {
+            return Err(self.broken(&format_args!(
+                "its nodes repeat lists, {repeated} Gaussians beyond those in the file, of which {REPEATED_MAX} can be \
+                 read; write fewer nodes"
+            )));
+        }
         let bytes = wanted.saturating_mul(4 * Layout::radiance(3).plane_count()) as u64;
         SCENE.ask(self.path, bytes, format_args!("its {wanted} Gaussians in {} lists", placed.len()), bytes)?;
         let mut lists = Vec::with_capacity(placed.len());
@@ -114,7 +128,7 @@ impl File<'_> {
         }
         notes.sort_unstable();
         notes.dedup();
-        Ok(GlbScene { gaussians: concatenated(&lists), shading: None, up: [0.0, 1.0, 0.0], notes })
+        Ok(GlbScene { gaussians: concatenated(&lists), shading: None, up: [0.0, 1.0, 0.0], origin: [0.0; 3], notes })
     }
 
     /// Gaussians of a list, in the world of its attributes.
@@ -135,7 +149,10 @@ impl File<'_> {
         self.refuse_logits(&opacities)?;
         let harmonics = self.harmonics(primitive, SPLATTING, "SH", count)?;
         let Some(degree) = degree(harmonics.len()) else {
-            return Err(self.broken(&format_args!("it has {} harmonics, of no degree", harmonics.len())));
+            let count = harmonics.len();
+            return Err(
+                self.broken(&format_args!("it has {count} harmonics; 1, 4, 9 or 16 make a degree, from 0 to 3"))
+            );
         };
         let are_logarithms = scales.iter().any(|scale| *scale < 0.0);
         let log_scale = |scale: f32| if are_logarithms { scale } else { scale.max(SCALE_MIN as f32).ln() };
@@ -373,8 +390,10 @@ mod tests {
         let turned = Placement { rotation: [-root, 0.0, 0.0, root], translation: [1.0; 3], scale: 2.0 };
         let given = gaussians();
         for (shading, placement) in [(None, None), (Some(shading()), None), (Some(shading()), Some(turned))] {
-            write(&path, &given, shading.as_ref(), placement, [0.0; 3]).unwrap();
+            let origin = [448_123.5, -5_411_068.0, 1e-3];
+            write(&path, &given, shading.as_ref(), placement, origin).unwrap();
             let read = read(Input::file(&path)).unwrap();
+            assert_eq!(read.origin, origin);
             assert_eq!((read.gaussians.count, read.gaussians.layout), (given.count, given.layout));
             for plane in 0..given.layout.plane_count() {
                 let apart = given.plane(plane).zip(read.gaussians.plane(plane)).map(|(a, b)| (a - b).abs());
@@ -417,9 +436,10 @@ mod tests {
 
     #[test]
     fn files_of_other_programs_are_read() {
-        let GlbScene { gaussians, shading, up, notes } = read(Input::memory("a.glb", &foreign(|_| ()))).unwrap();
+        let GlbScene { gaussians, shading, up, notes, origin } =
+            read(Input::memory("a.glb", &foreign(|_| ()))).unwrap();
         assert_eq!((shading, up, gaussians.layout), (None, [0.0, 1.0, 0.0], Layout::radiance(0)));
-        assert_eq!(notes, [""; 0]);
+        assert_eq!((notes, origin), (vec![], [0.0; 3]));
         assert_eq!(gaussians.get::<3>(1, MEAN), [3.0, 4.0, 5.0]);
         assert_eq!([0, 1].map(|index| gaussians.get::<4>(index, QUAT)), [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]]);
         for (index, opacity) in [(0, 0.2_f32), (1, 0.8)] {
