@@ -17,9 +17,10 @@ fn main() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let source = root.join("web/built");
     let target = env::var("OUT_DIR").expect("cargo names the folder");
+    // Cargo runs this script in each build where a file that it names is missing.
+    println!("cargo::rerun-if-changed={}", root.join("web").display());
     for name in FILES {
         let file = source.join(name);
-        println!("cargo::rerun-if-changed={}", file.display());
         // Without a renderer the program says how to build it.
         let bytes = fs::read(&file).unwrap_or_default();
         fs::write(Path::new(&target).join(name), bytes).expect("the folder can be written to");

@@ -19,6 +19,7 @@ mod progress;
 mod ranks;
 mod scene;
 mod settings;
+mod time_left;
 mod training;
 mod truth;
 

@@ -6,7 +6,7 @@ use specula_scene::text::printable;
 use std::{
     fs,
     io::{self, Write},
-    path::Path,
+    path::{Component, Path, PathBuf},
 };
 
 /// Prints a result as a line on stdout, or as lines, without characters that control a terminal.
@@ -44,12 +44,26 @@ pub(crate) fn stem(path: &Path) -> String {
     stem.or_else(|| path.file_name()).unwrap_or_default().to_string_lossy().into_owned()
 }
 
+/// Refuses a path with `..` behind a folder that does not exist: it leads elsewhere once this is
+/// made, past all checks of what is there.
+fn refuse_detour(path: &Path) -> Result<(), Failure> {
+    let mut before = PathBuf::new();
+    for part in path.components() {
+        if part == Component::ParentDir && !before.as_os_str().is_empty() && !before.is_dir() {
+            return Err(Failure::Input(format!("{path:?} leads through {before:?}, which is not there")));
+        }
+        before.push(part);
+    }
+    Ok(())
+}
+
 /// Creates a folder and tests that files can be written to it, before long work instead of after
 /// it. What a killed program left there is removed.
 ///
 /// # Errors
 /// [`Failure::File`] if the folder cannot be created or written to.
 pub(crate) fn make_folder(folder: &Path) -> Result<(), Failure> {
+    refuse_detour(folder)?;
     let written = fs::create_dir_all(folder).and_then(|()| tempfile::tempfile_in(folder)).and_then(|mut file| {
         file.write_all(&[0; 4096])?;
         file.sync_data()

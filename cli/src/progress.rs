@@ -1,12 +1,13 @@
 //! Notes and progress on stderr. Notes are the `tracing` events of the program and its libraries,
 //! printed as one line each. Progress is a bar on a terminal, else a line every few seconds.
 
+use crate::time_left::{Plan, Spoken, TimeLeft};
 use core::{fmt, time::Duration};
-use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use specula_scene::text::printable;
 use std::{
     io::{self, IsTerminal, stderr},
-    sync::{LazyLock, Mutex},
+    sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError},
     time::Instant,
 };
 use tracing::{Event, Level, Subscriber, level_filters::LevelFilter, subscriber::NoSubscriber};
@@ -61,12 +62,25 @@ pub(crate) fn work(title: &str, steps: u64) -> Work {
     let is_terminal = stderr().is_terminal();
     let bar = ProgressBar::with_draw_target(Some(steps), ProgressDrawTarget::hidden());
     let bar = if is_terminal && !is_quiet { BARS.add(bar) } else { bar };
-    let template = "{prefix:>12} {wide_bar:.green/dim} {human_pos}/{human_len}  {msg}  {elapsed} < {eta}";
+    let template = "{prefix:>12} {wide_bar:.green/dim} {human_pos}/{human_len}  {msg}  {spent} < {left}";
     let style = ProgressStyle::with_template(template).expect("the template is valid");
+    let left = Arc::<Mutex<TimeLeft>>::default();
+    let known = Arc::clone(&left);
+    let write_left = move |state: &ProgressState, out: &mut dyn fmt::Write| {
+        // A bar that cannot be written is no reason to stop.
+        let _ = match locked(&known).seconds(state.len().unwrap_or(0)) {
+            Some(seconds) => write!(out, "{}", Spoken(seconds)),
+            None => write!(out, "?"),
+        };
+    };
+    let write_spent = |state: &ProgressState, out: &mut dyn fmt::Write| {
+        let _ = write!(out, "{}", Spoken(state.elapsed().as_secs_f64()));
+    };
+    let style = style.with_key("left", write_left).with_key("spent", write_spent);
     bar.set_style(style.progress_chars("━━─"));
     bar.set_prefix(title.to_owned());
     let last_line = (!is_terminal && !is_quiet).then(|| Mutex::new(Instant::now()));
-    Work { bar, last_line }
+    Work { bar, start: Instant::now(), left, last_line }
 }
 
 /// Format of a note: the program's name and the sentence, in one line whatever a library or a file
@@ -103,6 +117,8 @@ impl io::Write for BetweenBars {
 #[derive(Debug)]
 pub(crate) struct Work {
     bar: ProgressBar,
+    start: Instant,
+    left: Arc<Mutex<TimeLeft>>,
     /// Time of the last line; `None` where a bar is drawn, or nothing.
     last_line: Option<Mutex<Instant>>,
 }
@@ -110,6 +126,7 @@ pub(crate) struct Work {
 impl Work {
     /// Shows that `steps` steps are done. `message` is only called if it is shown.
     pub(crate) fn done(&self, steps: u64, message: impl FnOnce() -> String) {
+        locked(&self.left).advance(steps, self.start.elapsed().as_secs_f64());
         if !self.bar.is_hidden() {
             self.bar.set_message(message());
             self.bar.set_position(steps);
@@ -124,14 +141,15 @@ impl Work {
     }
 
     /// Resumes after `steps` steps that took `seconds`. The time left is estimated from later steps
-    /// alone. Clocks of some systems start with the machine; a longer time before is shown as none.
-    pub(crate) fn resumed(self, steps: u64, seconds: f64) -> Self {
+    /// only, with the plan. Clocks of some systems start with the machine; a longer time before is
+    /// shown as none.
+    pub(crate) fn resumed(self, steps: u64, seconds: f64, plan: Plan) -> Self {
+        *locked(&self.left) = TimeLeft::new(plan, steps);
         let elapsed = Duration::try_from_secs_f64(seconds).unwrap_or_default();
         let since = Instant::now().checked_sub(elapsed);
         let bar = self.bar.with_elapsed(since.map_or(Duration::ZERO, |_| elapsed)).with_position(steps);
         bar.tick();
-        bar.reset_eta();
-        Self { bar, ..self }
+        Self { bar, start: Instant::now(), ..self }
     }
 
     /// Sets the number of steps.
@@ -145,48 +163,27 @@ impl Work {
     }
 
     fn print_line(&self, message: &str) {
-        let (done, all, left) = (self.bar.position(), self.bar.length().unwrap_or(0), self.bar.eta().as_secs());
+        let (done, all) = (self.bar.position(), self.bar.length().unwrap_or(0));
         let gap = if message.is_empty() { "" } else { ", " };
-        tracing::info!("{} {done}/{all}{gap}{message}, {left} s left", self.bar.prefix());
+        let left = locked(&self.left).seconds(all);
+        let left = left.map_or(String::new(), |seconds| format!(", {} left", Spoken(seconds)));
+        tracing::info!("{} {done}/{all}{gap}{message}{left}", self.bar.prefix());
     }
+}
+
+/// The estimate, also after a panic elsewhere.
+fn locked(left: &Mutex<TimeLeft>) -> MutexGuard<'_, TimeLeft> {
+    left.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Seconds in which indicatif's weight of a measurement falls to a tenth.
-    const WEIGHT_DECAY: f64 = 15.0;
-    /// Relative rounding of seconds and weights.
-    const ROUNDING: f64 = 1e-6;
-
-    /// Readings of the clock enclose those of indicatif, so that the interval holds however long a
-    /// loaded machine takes; on an idle one it is a few per cent wide.
-    #[test]
-    fn the_time_left_counts_from_the_step_that_was_resumed_from() {
-        let before = Instant::now();
-        let work = work("training", 6000).resumed(5000, 1000.0);
-        let start = Instant::now();
-        assert_eq!(work.bar.position(), 5000);
-        assert_eq!(work.bar.eta(), Duration::ZERO, "nothing is known yet");
-        std::thread::sleep(Duration::from_millis(50));
-        let least = start.elapsed().as_secs_f64();
-        work.bar.set_position(5100);
-        work.bar.tick();
-        let left = work.bar.eta().as_secs_f64();
-        let most = before.elapsed().as_secs_f64();
-        // 900 steps take nine times as long as 100; a rate decays until it is read.
-        let (least, most) = (9.0 * least, 9.0 * most * 10.0_f64.powf(most / WEIGHT_DECAY));
-        let interval = least * (1.0 - ROUNDING)..most * (1.0 + ROUNDING);
-        assert!(interval.contains(&left), "{left} s for 900 steps, expected {interval:?} s");
-        work.bar.set_position(6000);
-        assert_eq!(work.bar.eta(), Duration::ZERO, "nothing is left");
-    }
-
     #[test]
     fn work_resumes_for_any_time_that_it_is_said_to_have_taken() {
         for seconds in [0.0, 3600.0, 3.2e9, 1e20, f64::INFINITY, f64::NAN, -1.0] {
-            let work = work("training", 10).resumed(4, seconds);
+            let work = work("training", 10).resumed(4, seconds, Plan::default());
             assert_eq!(work.bar.position(), 4, "{seconds}");
         }
     }

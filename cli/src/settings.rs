@@ -1,7 +1,7 @@
 //! Profile of a training from its arguments.
 
 use crate::{
-    args::{Densify, LightKind, LightPer, Losses, Reflections, Start, Train, WhitePixels},
+    args::{Densify, LightKind, LightPer, Losses, ProfileName, Reflections, Start, Train, WhitePixels},
     failure::Failure,
 };
 use specula_core::{
@@ -25,10 +25,11 @@ pub(crate) fn profile_of(args: &Train, iterations: u32, of_objects: bool) -> Res
     }
     set_start(&mut profile, &args.start)?;
     let profile = with_light(profile, args.start.light, visits)?;
-    let profile = with_materials(profile, args.start.relightable)?;
+    let profile = with_materials(profile, args, of_objects)?;
     if args.losses.lambda_metal.is_some() && profile.physical.is_none() {
         return Err(Failure::Input(
-            "there is no metalness that --lambda-metal could weigh; add --relightable".to_owned(),
+            "there is no metalness that --lambda-metal could weigh; add --relightable, and omit --no-materials"
+                .to_owned(),
         ));
     }
     let mut profile = with_reflections(profile, args.start.reflections)?;
@@ -122,12 +123,20 @@ fn with_reflections(mut profile: Profile, reflections: Option<Reflections>) -> R
     Ok(profile)
 }
 
-/// Profile that also fits physical materials.
-fn with_materials(profile: Profile, is_relightable: bool) -> Result<Profile, Failure> {
-    if !is_relightable {
+/// Profile that also fits physical materials, if these are wanted: `specula` fits those of objects
+/// by default.
+fn with_materials(profile: Profile, args: &Train, of_objects: bool) -> Result<Profile, Failure> {
+    let Start { relightable, no_materials, .. } = args.start;
+    let name = profile.name;
+    let has_default = args.profile == ProfileName::Specula && profile.is_lit_per_pixel();
+    if no_materials && !has_default {
+        return Err(Failure::Input(format!(
+            "no materials are fitted with --profile {name} and these settings; omit --no-materials"
+        )));
+    }
+    if !relightable && (no_materials || !has_default || !of_objects) {
         return Ok(profile);
     }
-    let name = profile.name;
     let profile = profile.relightable();
     if profile.physical.is_none() {
         return Err(Failure::Input(format!(

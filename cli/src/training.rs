@@ -6,13 +6,15 @@ use crate::{
     interrupt,
     progress::{self, Work},
     ranks::Ranks,
+    time_left::Plan,
 };
 use core::fmt;
+use specula_core::camera::Camera;
 use specula_scene::{
     number::group_digits,
     training::{Note, Observer, Outcome, Training},
 };
-use specula_train::{pictures::PictureSource, start::Point};
+use specula_train::{pictures::PictureSource, profile::Profile, start::Point, trainer::Settings};
 use specula_viewer::{LiveTraining, Request};
 use std::sync::Arc;
 
@@ -23,6 +25,8 @@ type Pause<'a> = dyn FnMut(&mut Training) -> Result<(), Failure> + 'a;
 pub(crate) struct Session<'a> {
     pictures: &'a dyn PictureSource,
     points: &'a [Point],
+    /// Mean number of pixels of a picture.
+    pixels: usize,
     /// Start of the notes of one of several ranks.
     prefix: String,
     pause: Option<Box<Pause<'a>>>,
@@ -41,7 +45,14 @@ impl fmt::Debug for Session<'_> {
 impl<'a> Session<'a> {
     /// Session without pauses, of a training that starts from these pictures and points.
     pub(crate) fn new(pictures: &'a dyn PictureSource, points: &'a [Point]) -> Self {
-        Self { pictures, points, prefix: String::new(), pause: None, live: None, work: None }
+        Self { pictures, points, pixels: 0, prefix: String::new(), pause: None, live: None, work: None }
+    }
+
+    /// Expects steps as long as pictures of these cameras take.
+    pub(crate) fn showing<'c>(self, cameras: impl ExactSizeIterator<Item = &'c Camera>) -> Self {
+        let count = cameras.len().max(1);
+        let pixels = cameras.map(|camera| camera.width as usize * camera.height as usize).sum::<usize>() / count;
+        Self { pixels, ..self }
     }
 
     /// Session of one of several ranks.
@@ -66,11 +77,12 @@ impl<'a> Session<'a> {
         mut self,
         training: &mut Training,
         title: &str,
-        iterations: u32,
+        Settings { profile, iterations, .. }: &Settings,
         pauses: &[u32],
     ) -> Result<Outcome, Failure> {
-        let work = progress::work(title, iterations.into());
-        self.work = Some(work.resumed(training.iteration().into(), training.seconds()));
+        let (work, iterations) = (progress::work(title, (*iterations).into()), *iterations);
+        let plan = plan(profile, iterations, self.pixels, training.gaussian_count(), pauses);
+        self.work = Some(work.resumed(training.iteration().into(), training.seconds(), plan));
         let outcome = training.run(pauses, &mut self)?;
         self.work.into_iter().for_each(Work::finish);
         let count = outcome.nonfinite;
@@ -79,6 +91,19 @@ impl<'a> Session<'a> {
         }
         Ok(outcome)
     }
+}
+
+/// Expected costs of the steps of a training, and those that take longer: steps after which the
+/// scene's surface is made again, and the first ones after a pause.
+fn plan(profile: &Profile, iterations: u32, pixels: usize, count: usize, pauses: &[u32]) -> Plan {
+    let costs = (0..=iterations).scan(0.0, |sum, step| {
+        *sum += if step > 0 { profile.step_cost(step, iterations, pixels, count) } else { 0.0 };
+        Some(*sum)
+    });
+    let is_slow = |step: &u32| {
+        profile.near_field.is_some_and(|schedule| schedule.is_due(*step, iterations)) || pauses.contains(&(step - 1))
+    };
+    Plan { costs: costs.collect(), pauses: (1..=iterations).filter(is_slow).map(u64::from).collect() }
 }
 
 impl Observer for Session<'_> {

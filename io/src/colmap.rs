@@ -12,6 +12,7 @@ use crate::{
     named::Files,
     photographs::{self, Folders, HeldOut, Posed},
     points_ply::{self, PointCloud},
+    within,
 };
 use glam::DVec3;
 use record::{Camera, Image, Point, refuse};
@@ -55,6 +56,22 @@ impl Model {
     fn format(&self) -> &'static str {
         if self.is_text { "text" } else { "binary" }
     }
+}
+
+/// Error on a reconstruction that lacks one of its two lists; none where there is none.
+pub(crate) fn incomplete(folder: &Path) -> Option<Error> {
+    let places = PLACES.iter().map(|place| folder.join(place));
+    let places = places.flat_map(|place| [numbered(&place), vec![place]].concat());
+    places.into_iter().find_map(|place| {
+        let has = |name: &str| ["bin", "txt"].iter().any(|ending| place.join(name).with_extension(ending).is_file());
+        let advice = "of one format; copy the whole folder, or write it again with `colmap model_converter`";
+        match (has("cameras"), has("images")) {
+            (true, false) => Some(refuse(&place, "the reconstruction", format!("has cameras, but no images {advice}"))),
+            (false, true) => Some(refuse(&place, "the reconstruction", format!("has images, but no cameras {advice}"))),
+            (true, true) => Some(refuse(&place, "the reconstruction", format!("has no cameras and images {advice}"))),
+            (false, false) => None,
+        }
+    })
 }
 
 /// Finds the reconstruction of a data set: the largest, where there are several.
@@ -168,7 +185,16 @@ fn read_cameras(model: &Model) -> Result<BTreeMap<u32, Result<Camera>>> {
         let refuse = |what: String| refuse(&path, format!("camera {id}"), what);
         (id, camera.and_then(|camera| camera.checked().map_err(refuse)))
     };
-    Ok(cameras.into_iter().map(checked).collect())
+    let count = cameras.len();
+    let checked: BTreeMap<u32, Result<Camera>> = cameras.into_iter().map(checked).collect();
+    match checked.len() {
+        distinct if distinct == count => Ok(checked),
+        distinct => Err(refuse(
+            &path,
+            "the list",
+            format!("names {count} cameras with {distinct} identifiers; leave each in once"),
+        )),
+    }
 }
 
 fn read_images(model: &Model) -> Result<Vec<Image>> {
@@ -179,6 +205,9 @@ fn read_images(model: &Model) -> Result<Vec<Image>> {
 /// Reads the points of a reconstruction. Points that are not finite are skipped with a note.
 pub(crate) fn read_points(model: &Model, notes: &mut Vec<String>) -> Result<PointCloud> {
     let path = model.file("points3D");
+    if path.symlink_metadata().is_ok_and(|found| !found.is_dir()) {
+        within::holds(&path)?;
+    }
     if !path.is_file() {
         notes.push(format!("no {path:?}, so training starts from random points"));
         return Ok(PointCloud::default());

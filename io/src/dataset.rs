@@ -230,7 +230,8 @@ fn list_files(files: &Files, options: &LoadOptions) -> Result<Listing> {
     if folder.join(nerfstudio::LIST).is_file() && !colmap::is_at(folder) {
         return nerfstudio::list(files, options);
     }
-    let model = colmap::find(folder).ok_or_else(|| Error::NoTransforms { path: folder.clone() })?;
+    let none = || colmap::incomplete(folder).unwrap_or_else(|| Error::NoTransforms { path: folder.clone() });
+    let model = colmap::find(folder).ok_or_else(none)?;
     colmap::list(files, &model, options)
 }
 

@@ -36,7 +36,9 @@ pub(crate) fn left_out(files: &Files, listing: &Listing) -> Vec<String> {
     let pictures = pictures
         .into_iter()
         .map(|(folder, count)| format!("{count} pictures of {:?} that no camera names", files.root.join(folder)));
-    let all: Vec<String> = pictures.chain(entries.into_iter().map(|(top, count)| entry(top, count))).collect();
+    let broken = files.broken.iter().map(|path| format!("{path:?} (cannot be opened)"));
+    let entries = entries.into_iter().map(|(top, count)| entry(top, count));
+    let all: Vec<String> = pictures.chain(broken).chain(entries).collect();
     let more = all.len().saturating_sub(ENTRIES_MAX);
     let rest = (more > 0).then(|| format!("and {more} more"));
     all.into_iter().take(ENTRIES_MAX).chain(rest).collect()

@@ -38,8 +38,10 @@ pub(crate) fn assign(
     };
     let same_names = count(&name_of);
     if let Some(masks) = &masks {
+        let pictures: HashSet<PathBuf> = shots.iter().map(|(_, shot)| shot.image.clone()).collect();
         for (image, shot) in shots.iter_mut().filter(|(_, shot)| shot.mask.is_none()) {
-            shot.mask = masks.of(image, same_names[&name_of(image)] == 1);
+            let mask = masks.of(image, same_names[&name_of(image)] == 1);
+            shot.mask = mask.filter(|mask| !pictures.contains(mask));
         }
         masks.note_unused(shots.iter().filter_map(|(_, shot)| shot.mask.as_deref()).collect(), notes);
     }
@@ -82,8 +84,23 @@ impl Masks {
     }
 
     fn note_unused(&self, used: HashSet<&Path>, notes: &mut Vec<String>) {
+        let (read, unread): (Vec<&PathBuf>, Vec<_>) = self.paths.iter().partition(|path| has_image_ending(path));
+        if read.is_empty() {
+            notes.push(format!(
+                "{:?} has no mask that can be read; masks are PNG or JPEG, named as the pictures",
+                self.folder
+            ));
+        } else if !unread.is_empty() {
+            notes.push(format!(
+                "{} of {} masks in {:?} are of formats that are not read: {}; write them as PNG",
+                unread.len(),
+                self.paths.len(),
+                self.folder,
+                some_of(&unread)
+            ));
+        }
         let is_unused = |path: &&PathBuf| !used.contains(self.folder.join(path).as_path());
-        let unused: Vec<&PathBuf> = self.paths.iter().filter(is_unused).collect();
+        let unused: Vec<&PathBuf> = read.into_iter().filter(is_unused).collect();
         if !unused.is_empty() {
             notes.push(format!(
                 "{} of {} masks in {:?} match no picture, or several, and are not used: {}; name them as the pictures",

@@ -43,6 +43,8 @@ pub(crate) struct Files {
     pub(crate) root: PathBuf,
     /// Paths of files below the root, in the order of their names.
     pub(crate) paths: Vec<PathBuf>,
+    /// Paths of entries that cannot be opened, such as links that lead nowhere.
+    pub(crate) broken: Vec<PathBuf>,
     /// Indices of files by their key without the endings of pictures.
     by_stem: HashMap<String, Vec<usize>>,
     /// Folders by their key.
@@ -52,10 +54,23 @@ pub(crate) struct Files {
 impl Files {
     /// Looks through a folder.
     pub(crate) fn below(root: &Path) -> Self {
-        let mut files =
-            Self { root: root.to_owned(), paths: Vec::new(), by_stem: HashMap::new(), folders: HashMap::new() };
+        let mut files = Self {
+            root: root.to_owned(),
+            paths: Vec::new(),
+            broken: Vec::new(),
+            by_stem: HashMap::new(),
+            folders: HashMap::new(),
+        };
         let walk = WalkDir::new(root).follow_links(true).max_depth(DEPTH_MAX).sort_by_file_name().into_iter();
-        for entry in walk.filter_entry(is_of_data_set).flatten().take(FILES_MAX) {
+        for entry in walk.filter_entry(is_of_data_set).take(FILES_MAX) {
+            let entry = match entry {
+                Ok(entry) => entry,
+                Err(error) => {
+                    let path = error.path().and_then(|path| path.strip_prefix(root).ok());
+                    files.broken.extend(path.map(Path::to_owned));
+                    continue;
+                }
+            };
             let path = entry.path().strip_prefix(root).unwrap_or(entry.path()).to_owned();
             if entry.file_type().is_dir() {
                 files.folders.insert(key_of(&path), path);

@@ -14,7 +14,7 @@ const BUFFER_SIZE: usize = 1 << 20;
 const UNFINISHED: &str = ".unfinished-";
 
 /// Writes a file with `fill`, creating its folder if needed. The target appears or changes only
-/// when all is written.
+/// when all is written; a file that is replaced leaves its permissions.
 pub(crate) fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>) -> Result<()> {
     write_beside(path, fill).map_err(|cause| Error::Write { path: path.to_owned(), cause })
 }
@@ -41,6 +41,9 @@ fn write_beside(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut fs::File>) ->
 
     // Without this, a power failure can leave the new name with none of the bytes.
     file.as_file().sync_data()?;
+    if let Some(earlier) = fs::symlink_metadata(path).ok().filter(fs::Metadata::is_file) {
+        file.as_file().set_permissions(earlier.permissions())?;
+    }
     file.persist(path).map(drop).map_err(|error| error.error)
 }
 

@@ -17,6 +17,7 @@ use crate::{
 };
 use core::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use facts::{Extracts, Facts};
+use glam::Vec3;
 use rayon::prelude::*;
 use specula_core::camera::{Camera, near_of};
 use specula_io::{
@@ -137,6 +138,16 @@ impl Capture {
     /// Returns whether alpha cuts objects out of all training pictures.
     pub fn holds_objects(&self) -> bool {
         !self.train.is_empty() && self.train.iter().all(|photograph| photograph.has_alpha)
+    }
+
+    /// Returns whether any training picture shows any of these points, hidden or not.
+    pub fn shows_any_of(&self, points: &[Point]) -> bool {
+        let shows = |camera: &Camera, point: &Point| {
+            let place = camera.camera_from_world * (Vec3::from(point.position) - camera.position);
+            let [x, y] = [0, 1].map(|k| camera.focal_px[k] * place[k] / place.z + camera.principal_px[k]);
+            place.z > 0.0 && (0.0..camera.width as f32).contains(&x) && (0.0..camera.height as f32).contains(&y)
+        };
+        self.train.iter().any(|photograph| points.iter().any(|point| shows(&photograph.camera, point)))
     }
 
     /// Returns whether any training picture is transparent somewhere.

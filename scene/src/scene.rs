@@ -190,6 +190,16 @@ impl Scene {
         (!reasons.is_empty()).then(|| reasons.join(", "))
     }
 
+    /// Whether the scene can be shown: without Gaussians, or with one at least whose numbers are
+    /// finite, and a light of finite numbers.
+    pub fn is_finite(&self) -> bool {
+        let stats = CullStats::of(&self.gaussians, None);
+        let broken: usize =
+            CullReason::ALL.into_iter().filter(|reason| reason.is_nonfinite()).map(|reason| stats.count(reason)).sum();
+        let is_lit = self.light.as_ref().is_none_or(|light| light.values.iter().all(|number| number.is_finite()));
+        is_lit && (self.gaussians.count == 0 || broken < self.gaussians.count)
+    }
+
     /// Writes the scene into the folder of a model as its newest iteration.
     ///
     /// # Errors

@@ -12,7 +12,7 @@ use specula_io::{
     within,
 };
 use specula_report::{
-    demo::{self, Pictures, TrainedScene},
+    demo::{self, Orbit, Pictures, TrainedScene},
     measure,
 };
 use specula_scene::{
@@ -27,7 +27,7 @@ use specula_train::{
     start::{Point, random_points},
     trainer::Settings,
 };
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Number of random points that both trainings start from.
 const POINTS: usize = 10_000;
@@ -47,7 +47,7 @@ pub(crate) fn run(args: &Demo) -> Result<(), Failure> {
     output::write_json(&args.output.join("results.json"), &demo::results([&plain, &shaded]))?;
 
     let work = progress::work("pictures", Pictures::STEPS);
-    let orbit = demo::orbit(&data.test, &shaded.scene);
+    let orbit = Orbit::new(&data.test, &shaded.scene);
     let pictures = Pictures::write(&args.output, &data.test, &plain.scene, &shaded.scene, &orbit, &|done| {
         work.done(done, String::new);
     })?;
@@ -57,7 +57,15 @@ pub(crate) fn run(args: &Demo) -> Result<(), Failure> {
     let line = |[name, rest @ ..]: &[String; 6]| {
         format!("{name:<8}{}", rest.iter().map(|cell| format!("{cell:>11}")).collect::<String>())
     };
-    output::say(&format!("{}\n\nPictures: {}", rows.iter().map(line).collect::<Vec<_>>().join("\n"), shown(&page)))
+    output::say(&format!("{}\n\nPictures: {}", rows.iter().map(line).collect::<Vec<_>>().join("\n"), shown(&page)))?;
+    tracing::info!("next: {}", next_commands(&args.output));
+    Ok(())
+}
+
+/// Commands that follow a demo.
+fn next_commands(folder: &Path) -> String {
+    let [model, light] = [PROFILES[1], "data/light/sunset.hdr"].map(|name| shown(&folder.join(name)));
+    format!("specula view {model} --env {light} --sun 30,40, specula export {model} -o ball.html")
 }
 
 /// Trains the shaded scene alone; returns the folder of its model.
@@ -101,18 +109,20 @@ fn prepare(args: &Demo) -> Result<(Dataset, Vec<Point>), Failure> {
 }
 
 fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> Result<TrainedScene, Failure> {
+    let profile = profile::by_name(name, args.iterations).expect("the demo's profiles have names").for_objects();
     let settings = Settings {
-        profile: profile::by_name(name, args.iterations).expect("the demo's profiles have names").for_objects(),
+        // Plain Gaussians have no materials.
+        profile: profile.relightable(),
         iterations: args.iterations,
         seed: SEED,
         background: BackgroundColor::WHITE.0,
         random_points: 0,
     };
     let info = info(args, &settings, data);
-    let mut session = Session::new(&data.train, points);
+    let mut session = Session::new(&data.train, points).showing(data.train.iter().map(|view| &view.camera));
     let start = Start::Points(points);
-    let mut training = Training::new(&ExecutorChoice::Cpu, settings, &data.train, &start, &mut session)?;
-    let outcome = session.run(&mut training, name, args.iterations, &[])?;
+    let mut training = Training::new(&ExecutorChoice::Cpu, settings.clone(), &data.train, &start, &mut session)?;
+    let outcome = session.run(&mut training, name, &settings, &[])?;
     if outcome.is_interrupted {
         return Err(Failure::Interrupted(format!("interrupted in training {name:?}; start the demo again to see it")));
     }

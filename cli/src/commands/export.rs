@@ -45,6 +45,9 @@ const DEGREE: u8 = 3;
 /// Writes the requested files.
 pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     let formats = args.output.iter().map(|path| format_of(path, args.mesh)).collect::<Result<Vec<_>, _>>()?;
+    if let Some(twice) = (1..args.output.len()).find(|index| args.output[..*index].contains(&args.output[*index])) {
+        return Err(Failure::Input(format!("{:?} is named twice with -o", args.output[twice])));
+    }
     if args.mesh && !formats.contains(&ExportFormat::Mesh) {
         return Err(Failure::Input("--mesh writes .ply files as meshes; name one with -o, or a .obj".to_owned()));
     }
@@ -63,6 +66,10 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         let path = path.canonicalize().unwrap_or_else(|_| path.clone());
         return Err(Failure::Input(format!("{path:?} is a file of the model itself; name another with -o")));
     }
+    let lights = args.output.iter().zip(&formats).filter(|(_, format)| **format == ExportFormat::PrefilteredLight);
+    lights
+        .map(|(path, _)| prefilter::description_beside(path))
+        .try_for_each(|path| prefilter::refuse_to_replace(&path))?;
     note_oddities(&opened);
     if let Some(env) = &args.env {
         let up = orientation::up(&opened.orientation(args.scene_options.scene_up.map(Into::into))?);

@@ -10,16 +10,17 @@ use specula_core::{
     prefilter::{Levels, MipRoughness},
     scene::Environment,
 };
-use specula_io::{Error, budget, model_folder};
+use specula_io::{Error, budget, model_folder, within};
 use specula_scene::{
     prefiltered::{CubeFormat, LevelChain, PrefilteredLight, at_resolution, light_of_map, light_of_model},
     text::shown,
 };
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Prefilters a light and writes it.
 pub(crate) fn run(args: &Prefilter) -> Result<(), Failure> {
     format_of(&args.output)?;
+    refuse_to_replace(&description_beside(&args.output))?;
     filter(args, &open(args)?)
 }
 
@@ -36,11 +37,30 @@ fn filter(args: &Prefilter, light: &Environment<Vec<f32>>) -> Result<(), Failure
     let filtered = PrefilteredLight::new(light, args.chain(), levels, args.up.axis())?;
     filtered.write(&args.output, format)?;
     let description = filtered.description(&args.output, format, &output::absolute(&args.env), args.exposure);
-    output::write_json(&args.output.with_extension("json"), &description)?;
+    output::write_json(&description_beside(&args.output), &description)?;
     if args.previews {
         filtered.write_previews(&args.output)?;
     }
     output::say(&shown(&args.output))
+}
+
+/// Path of the description of a prefiltered light.
+pub(crate) fn description_beside(path: &Path) -> PathBuf {
+    path.with_extension("json")
+}
+
+/// Refuses to write a description over a file that is none.
+pub(crate) fn refuse_to_replace(path: &Path) -> Result<(), Failure> {
+    if !within::holds(path)? {
+        return Ok(());
+    }
+    let found: serde_json::Value = serde_json::from_slice(&budget::FACTS.read(path)?).unwrap_or_default();
+    match ["level_of_roughness", "lobe"].iter().all(|key| found.get(key).is_some()) {
+        true => Ok(()),
+        false => Err(Failure::Input(format!(
+            "{path:?} would be replaced by the description of the light, and is another file; name another with -o"
+        ))),
+    }
 }
 
 fn format_of(path: &Path) -> Result<CubeFormat, Failure> {

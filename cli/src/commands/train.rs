@@ -120,6 +120,12 @@ impl Prepared {
             Some(_) => Vec::new(),
             None => thinned_points(data.take_points(points_of(&args), seed), &settings.profile),
         };
+        if saved.is_none() && !points.is_empty() && !data.shows_any_of(&points) {
+            tracing::warn!(
+                "no initial point is in any picture, so nothing can be trained; check the focal lengths and principal \
+                 points of the cameras"
+            );
+        }
         let lock = if is_first {
             output::make_folder(&args.model_path)?;
             let lock = lock.map_or_else(|| folder::lock(&args), Ok)?;
@@ -140,7 +146,8 @@ impl Prepared {
         let is_first = ranks.is_first();
         let saved = self.saved.lock().map_or(None, |mut saved| saved.pop());
         let start = saved.as_ref().map_or(Start::Points(points), |saved| Start::Checkpoint(&saved.state));
-        let mut session = Session::new(pictures, points).of(ranks);
+        let session = Session::new(pictures, points).of(ranks);
+        let mut session = session.showing(data.train.iter().map(|photograph| &photograph.camera));
         let choice = ranks.executor(&args.executor);
         let training = Training::new(&choice, settings.clone(), pictures, &start, &mut session)?;
         let seconds = resumed.map_or(0.0, |(_, seconds)| seconds);
@@ -162,7 +169,7 @@ impl Prepared {
         let views = result::Views { data, cameras, background: *background };
         let live = watching.as_ref().map(Watching::live);
         let session = session.with(|training| result::pause(args, training, info, &views), live);
-        let outcome = session.run(&mut training, "training", args.iterations, &pauses)?;
+        let outcome = session.run(&mut training, "training", settings, &pauses)?;
         note_traffic(ranks, &training, outcome);
         if !is_first {
             return Ok(());
@@ -189,7 +196,12 @@ fn profile_of(args: &Train, data: &Capture) -> Result<Profile, Failure> {
     let of_objects = data.holds_objects();
     let mut profile = settings::profile_of(args, args.iterations, of_objects)?;
     if of_objects && args.profile == ProfileName::Specula {
-        tracing::info!("every picture has alpha: settings for objects (docs/training.md)");
+        let materials = if profile.physical.is_some() && !args.start.relightable {
+            ", with materials to relight, which --no-materials leaves out"
+        } else {
+            ""
+        };
+        tracing::info!("every picture has alpha: settings for objects{materials} (docs/training.md)");
     }
     if profile.light.is_some() {
         profile.foreground = args.start.foreground.ball(data.orientation.as_ref(), data.origin);

@@ -174,3 +174,51 @@ fn want_of_memory_is_a_sentence() {
     let sentence = refusal(limited);
     assert!(sentence.contains("more than the system grants"), "{sentence}");
 }
+
+#[test]
+fn paths_that_lead_through_what_is_not_there_are_refused() {
+    let tiny = Tiny::new();
+    let model = trained(&tiny, "");
+    let before = contents(&model);
+    let cloud = "point_cloud/iteration_30/point_cloud.ply";
+    let name = |path: &str| tiny.path(path).display().to_string();
+    let told = refusal(on(&model, &format!("export --no-error -o {}", name(&format!("gone/../model/{cloud}")))));
+    assert!(told.contains("gone") && told.contains("is not there"), "{told}");
+    let again = format!("train --profile 3dgs --iterations 5 -s {} -m {}", name("data"), name("gone/../model"));
+    let mut command = specula();
+    command.arg("--quiet").args(again.split(' '));
+    assert!(refusal(command).contains("is not there"));
+    assert!(contents(&model) == before && !tiny.path("gone").exists());
+}
+
+#[test]
+fn descriptions_of_lights_replace_no_other_file() {
+    let tiny = Tiny::new();
+    train(&tiny, "model").arg("--quiet").assert().success();
+    let model = tiny.path("model");
+    let before = contents(&model);
+    for file in ["specula.ktx2", "cameras.ktx2"] {
+        let told = refusal(on(&model, &format!("export --no-error -o {}", model.join(file).display())));
+        assert!(told.contains(&file.replace("ktx2", "json")), "{told}");
+        let told = refusal(on(&model, &format!("prefilter --resolution 16 -o {}", model.join(file).display())));
+        assert!(told.contains("is another file"), "{told}");
+    }
+    assert!(contents(&model) == before, "a file of the model was replaced");
+    for _ in 0..2 {
+        on(&model, &format!("prefilter --resolution 16 -o {}", tiny.path("light.ktx2").display())).assert().success();
+    }
+}
+
+#[test]
+fn a_training_that_diverges_is_not_saved() {
+    let tiny = Tiny::new();
+    let list = tiny.file("transforms_train.json");
+    let mut json: serde_json::Value = serde_json::from_slice(&fs::read(&list).unwrap()).unwrap();
+    json["frames"][1]["transform_matrix"][0][3] = 1e20.into();
+    fs::write(&list, json.to_string()).unwrap();
+    let mut command = train_plain(&tiny, "model");
+    command.arg("--quiet");
+    let told = refusal(command);
+    assert!(told.contains("diverged") && told.contains("poses"), "{told}");
+    assert!(!tiny.path("model/point_cloud").exists(), "a model that no command opens was saved");
+}

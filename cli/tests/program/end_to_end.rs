@@ -1,6 +1,6 @@
 //! The program from pictures to relit pictures, on a data set of a few pixels.
 
-use crate::tiny::{SIZE, Tiny, specula, train};
+use crate::tiny::{SIZE, Tiny, specula, train, train_by_default};
 use assert_cmd::cargo::cargo_bin;
 use serde_json::Value;
 use specula_io::latlong::{self, LatLong};
@@ -164,7 +164,7 @@ fn a_scene_is_trained_measured_rendered_and_relit() {
 fn a_model_says_who_looked_the_light_up() {
     let tiny = Tiny::new();
     for (words, shading) in [(&[][..], "deferred"), (&["--light-per", "gaussian"], "paper")] {
-        printed(train(&tiny, shading).args(words));
+        printed(train_by_default(&tiny, shading).args(words));
         assert_eq!(json(&tiny.path(shading).join("specula.json"))["shading"], shading);
     }
 }
@@ -398,4 +398,33 @@ fn the_light_is_seen_behind_the_scene() {
     assert!(
         String::from_utf8(command.assert().code(2).get_output().stderr.clone()).unwrap().contains("--background env")
     );
+}
+
+#[test]
+fn objects_get_materials_unless_these_are_left_out() {
+    let tiny = Tiny::new();
+    let has_materials = |name: &str, words: &[&str]| {
+        let mut command = specula();
+        command.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path(name)).args(words);
+        command.args(["--iterations", "20", "--random-points", "100", "--light-resolution", "16", "--executor", "cpu"]);
+        let done = command.assert().success();
+        let told = String::from_utf8_lossy(&done.get_output().stderr).into_owned();
+        let sun = specula().arg("relight").arg(tiny.path(name)).args(["--sun", "30,45"]).output().unwrap();
+        assert_eq!(told.contains("--sun 30,45 --ground"), sun.status.success(), "{told}");
+        (sun.status.success(), told.contains("--no-materials"))
+    };
+    assert_eq!(has_materials("default", &[]), (true, true));
+    assert_eq!(has_materials("asked", &["--relightable"]), (true, false));
+    assert_eq!(has_materials("without", &["--no-materials"]), (false, false));
+    assert_eq!(has_materials("paper", &["--light-per", "gaussian"]), (false, false));
+
+    let mut command = specula();
+    command.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path("none")).args([
+        "--profile",
+        "paper",
+        "--no-materials",
+    ]);
+    let refused = command.assert().code(2);
+    let told = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
+    assert!(told.contains("omit --no-materials"), "{told}");
 }

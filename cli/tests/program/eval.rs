@@ -1,6 +1,6 @@
 //! Measures, files and pages of `eval` on a data set of a few pixels.
 
-use crate::tiny::{SIZE, Tiny, specula, train};
+use crate::tiny::{SIZE, Tiny, specula, train, train_relightable};
 use serde_json::Value;
 use specula_io::latlong::{self, LatLong};
 use std::{
@@ -233,7 +233,7 @@ fn materials_and_light_are_measured_where_their_truth_is_known() {
     const ROUNDING: f64 = 1e-4;
     let tiny = Tiny::new();
     let model = tiny.path("model");
-    let told = printed(train(&tiny, "model").args(["--eval", "--relightable", "--quiet"]));
+    let told = printed(train_relightable(&tiny, "model").args(["--eval", "--quiet"]));
     let evaluated = eval(&model, &[]);
     let recorded = fs::read_to_string(model.join("results.json")).unwrap();
     for text in [&told, &evaluated, &recorded] {
@@ -268,7 +268,7 @@ fn materials_and_light_are_measured_where_their_truth_is_known() {
     assert!((ratio - 2.0).abs() < ROUNDING, "relative to twice the light it is half as bright: {ratio}");
 
     // The end of a training says the same.
-    let told = printed(train(&tiny, "again").args(["--eval", "--relightable", "--quiet"]));
+    let told = printed(train_relightable(&tiny, "again").args(["--eval", "--quiet"]));
     assert!(told.contains("\nalbedo: scaled by ") && told.contains("\nlight: correlation "), "{told}");
     let again = json(&tiny.path("again").join("results.json"))["ours_30"].clone();
     assert!(KEYS.iter().all(|key| again[key].is_number()), "{again}");
@@ -283,7 +283,7 @@ fn materials_and_light_are_measured_where_their_truth_is_known() {
 fn broken_truths_of_materials_and_light_are_told_in_one_sentence() {
     let tiny = Tiny::new();
     let model = tiny.path("model");
-    printed(train(&tiny, "model").args(["--eval", "--relightable", "--quiet"]));
+    printed(train_relightable(&tiny, "model").args(["--eval", "--quiet"]));
     let refusal = || {
         let output = specula().arg("eval").arg(&model).arg("--quiet").assert().failure().get_output().clone();
         String::from_utf8(output.stderr).unwrap()

@@ -1,6 +1,6 @@
 //! Trainings under a light that is known.
 
-use crate::tiny::{Tiny, specula, train};
+use crate::tiny::{Tiny, specula, train_relightable};
 use serde_json::Value;
 use specula_core::cubemap::texel_solid_angle;
 use specula_io::latlong::{self, LatLong};
@@ -17,8 +17,8 @@ fn a_known_light_stays_as_it_is_and_is_not_trained() {
     let tiny = Tiny::new();
     write_light(&tiny, 1.5);
     let known = |name: &str| {
-        let mut command = train(&tiny, name);
-        command.args(["--relightable", "--eval", "--executor", "cpu", "--light-reference", "env.hdr"]);
+        let mut command = train_relightable(&tiny, name);
+        command.args(["--eval", "--executor", "cpu", "--light-reference", "env.hdr"]);
         command.current_dir(tiny.data());
         command
     };

@@ -1,6 +1,6 @@
 //! Suns, lamps and grounds of `relight`.
 
-use crate::tiny::{Tiny, specula, train};
+use crate::tiny::{Tiny, specula, train, train_relightable};
 use std::fs;
 
 fn printed(command: &mut assert_cmd::Command) -> String {
@@ -16,7 +16,7 @@ fn refuses(mut command: assert_cmd::Command, parts: &[&str]) {
 fn suns_and_lamps_shine_on_models_with_materials() {
     let tiny = Tiny::new();
     let model = tiny.path("model");
-    printed(train(&tiny, "model").arg("--eval").arg("--relightable"));
+    printed(train_relightable(&tiny, "model").arg("--eval"));
     let picture = |words: &[&str], out: &str| {
         let mut relight = specula();
         relight.arg("relight").arg(&model).args(words).args(["--executor", "cpu", "-o"]).arg(tiny.path(out));

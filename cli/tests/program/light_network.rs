@@ -1,6 +1,6 @@
 //! Trainings whose light is a network, through the commands that read their models.
 
-use crate::tiny::{Tiny, specula, train};
+use crate::tiny::{Tiny, specula, train_by_default};
 use serde_json::Value;
 use specula_io::{
     latlong::{self, LatLong},
@@ -22,7 +22,7 @@ fn json(path: &Path) -> Value {
 }
 
 fn trained(tiny: &Tiny, name: &str, words: &[&str]) -> std::path::PathBuf {
-    let mut command = train(tiny, name);
+    let mut command = train_by_default(tiny, name);
     command.args(["--light", "mlp", "--eval", "--executor", "cpu"]).args(words).assert().success();
     tiny.path(name)
 }

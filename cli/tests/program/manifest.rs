@@ -80,3 +80,24 @@ fn a_training_that_fails_does_not_end_the_others() {
     specula().args(["train", "--task", "1"]).arg(tiny.data()).arg("-m").arg(tiny.path("c")).assert().code(2);
     manifest(&tiny, &["-m", "out"]).assert().code(2);
 }
+
+#[test]
+fn a_finished_model_of_another_data_set_is_not_taken_for_the_one_asked_for() {
+    let tiny = Tiny::new();
+    let other = Tiny::new();
+    write(&tiny, false);
+    said(&mut manifest(&tiny, &["--task", "1"]), 0);
+    let path = tiny.path("scenes.toml");
+    let elsewhere = format!("source-path = {:?}", other.data());
+    fs::write(&path, fs::read_to_string(&path).unwrap().replacen("source-path = \"data\"", &elsewhere, 1)).unwrap();
+    let before = model(&tiny.path("out/a"));
+    let [_, notes] = said(&mut manifest(&tiny, &["--task", "1"]), 2);
+    assert!(notes.contains("another data set") && notes.contains("--overwrite"), "{notes}");
+    assert!(model(&tiny.path("out/a")) == before);
+
+    // A data set that was moved is still the same.
+    fs::write(&path, fs::read_to_string(&path).unwrap().replacen(&elsewhere, "source-path = \"moved\"", 1)).unwrap();
+    fs::rename(tiny.data(), tiny.path("moved")).unwrap();
+    let [_, notes] = said(&mut manifest(&tiny, &["--task", "1"]), 0);
+    assert!(notes.contains("finished before"), "{notes}");
+}

@@ -1,6 +1,6 @@
 //! `report`, and `render --max-error`, on a scene of a few pixels.
 
-use crate::tiny::{Tiny, specula, train};
+use crate::tiny::{Tiny, specula, train, train_relightable};
 use serde_json::Value;
 use std::fs;
 
@@ -68,7 +68,7 @@ fn a_plain_scene_has_a_report_as_well() {
 #[test]
 fn shadow_rays_of_a_sun_are_measured_on_physical_materials() {
     let tiny = Tiny::new();
-    printed(train(&tiny, "model").arg("--relightable"));
+    printed(&mut train_relightable(&tiny, "model"));
     let tables = printed(&mut report(&tiny, "model"));
     let (cheapest, suns) = tables.split_once("\n\n").expect("two tables");
     assert!(cheapest.starts_with("| at least |") && suns.starts_with("| shadows |"), "{tables}");

@@ -1,6 +1,6 @@
 //! Trainings that are interrupted, killed and taken up again, through the program.
 
-use crate::tiny::{Tiny, specula, train};
+use crate::tiny::{Tiny, specula, train, train_by_default};
 use assert_cmd::cargo::cargo_bin;
 use core::time::Duration;
 use serde_json::Value;
@@ -221,7 +221,7 @@ fn only_the_same_training_continues() {
     let nothing = refusal(&mut resumed(&tiny, "model"));
     assert!(nothing.contains("no checkpoint.safetensors") && !tiny.path("model").exists(), "{nothing}");
 
-    train(&tiny, "model").assert().success();
+    train_by_default(&tiny, "model").assert().success();
     let before = fs::read(checkpoint::path_in(&tiny.path("model"))).unwrap();
     for (words, expected) in [
         (&["--profile", "paper"][..], "--profile specula, not --profile paper"),

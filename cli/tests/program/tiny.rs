@@ -105,8 +105,22 @@ fn draw([right, up, back]: &[[f32; 3]; 3], path: &Path, normals: Option<&Path>) 
 
 /// Words of a training that takes a second.
 pub(crate) fn train(tiny: &Tiny, model: &str) -> Command {
+    let mut command = train_by_default(tiny, model);
+    command.arg("--no-materials");
+    command
+}
+
+/// Words of a training with the materials of its profile.
+pub(crate) fn train_by_default(tiny: &Tiny, model: &str) -> Command {
     let mut command = short_training(tiny, model);
     command.args(["--light-resolution", "16"]);
+    command
+}
+
+/// Words of a training with materials.
+pub(crate) fn train_relightable(tiny: &Tiny, model: &str) -> Command {
+    let mut command = train_by_default(tiny, model);
+    command.arg("--relightable");
     command
 }
 

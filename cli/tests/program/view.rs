@@ -2,7 +2,7 @@
 
 use crate::browser::{Browser, Page};
 use crate::site::{Answer, Site, crowd, request, sent, with_descriptors};
-use crate::tiny::{Tiny, specula, train};
+use crate::tiny::{Tiny, specula, train, train_relightable};
 use assert_cmd::cargo::cargo_bin;
 use core::time::Duration;
 use image::RgbImage;
@@ -31,7 +31,7 @@ fn trained(tiny: &Tiny) -> PathBuf {
 
 /// A model with physical materials.
 fn relightable(tiny: &Tiny) -> PathBuf {
-    train(tiny, "relightable").args(["--eval", "--relightable", "--quiet"]).assert().success();
+    train_relightable(tiny, "relightable").args(["--eval", "--quiet"]).assert().success();
     tiny.path("relightable")
 }
 

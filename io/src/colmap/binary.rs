@@ -60,6 +60,15 @@ impl<'a> Records<'a> {
             self.index = index;
             all.push(read(&mut self)?);
         }
+        if self.left > 0 {
+            tracing::warn!(
+                "{:?} has {} bytes after its {} {}s, which are not read; copy the file again if it should have more",
+                self.path,
+                self.left,
+                self.count,
+                self.what
+            );
+        }
         Ok(all)
     }
 

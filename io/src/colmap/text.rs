@@ -58,7 +58,8 @@ impl<'a> Lines<'a> {
     /// Reads the next line that is neither blank nor a comment; false at the end of the file.
     fn next_record(&mut self) -> Result<bool> {
         while self.next()? {
-            if self.line.trim_ascii().first().is_some_and(|first| *first != b'#') {
+            let line = self.line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&self.line);
+            if line.trim_ascii().first().is_some_and(|first| *first != b'#') {
                 return Ok(true);
             }
         }
@@ -67,7 +68,8 @@ impl<'a> Lines<'a> {
 
     /// Words of the current line.
     fn words(&self) -> Result<Words<'_>> {
-        let line = core::str::from_utf8(&self.line).map_err(|_| self.refuse("is not UTF-8; copy the file again"))?;
+        let line = self.line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&self.line);
+        let line = core::str::from_utf8(line).map_err(|_| self.refuse("is not UTF-8; copy the file again"))?;
         Ok(Words { lines: self, rest: line.trim() })
     }
 

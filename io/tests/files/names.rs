@@ -226,6 +226,33 @@ fn masks_are_found_by_all_usual_names() {
 }
 
 #[test]
+fn masks_that_cannot_be_read_are_told() {
+    let with_masks = |names: &[&str]| {
+        let folder = Scene::pinhole().folder();
+        names.iter().for_each(|name| fs::write(made(&folder.path().join("masks").join(name)), "x").unwrap());
+        folder
+    };
+    let folder = with_masks(&["a.npy", "b.npy"]);
+    assert_says(&remark(&load(&folder)), &["masks\" has no mask that can be read", "PNG"]);
+    let folder = with_masks(&["a.tif"]);
+    assert_says(&remark(&load(&folder)), &["masks\" has no mask that can be read"]);
+    write_mask(&folder, "masks/b.png");
+    assert_says(&remark(&load(&folder)), &["1 of 2 masks", "not read", "a.tif", "2 of 3 pictures have no mask"]);
+    #[cfg(unix)]
+    for name in ["masks", "masks/a.png"] {
+        let folder = Scene::pinhole().folder();
+        std::os::unix::fs::symlink("gone", made(&folder.path().join(name))).unwrap();
+        assert_says(&remark(&load(&folder)), &["not used", name, "cannot be opened"]);
+    }
+}
+
+#[test]
+fn a_picture_is_not_its_own_mask() {
+    let scene = Scene { images: vec![("masks/x.png", 1)], ..Scene::pinhole() };
+    assert_eq!(load(&scene.folder()).report.masks, 0);
+}
+
+#[test]
 fn masks_and_pictures_without_each_other_are_told() {
     let scene = Scene { images: ["a/x.png", "b/x.png", "b/y.png"].map(|name| (name, 1)).to_vec(), ..Scene::pinhole() };
     let folder = scene.folder();

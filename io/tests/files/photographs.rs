@@ -345,6 +345,24 @@ fn faults_of_a_reconstruction_are_refused_by_file_and_place() {
     assert_says(&refusal("images", " 1 a.png", " 5 a.png"), &["a.png", "images.txt", "the camera 5"]);
     assert_says(&refusal("images", " 1 a.png", " 1"), &["line 4", "images.txt", "no name"]);
     assert_says(&refusal("points3D", "255", "256"), &["line 2", "points3D.txt", "\"256\"", "red"]);
+    let again = "1 PINHOLE 24 16 21 21 12 8\n1 PINHOLE";
+    assert_says(&refusal("cameras", "1 PINHOLE", again), &["cameras.txt", "identifiers", "leave each in once"]);
+    for (missing, told) in [("cameras", "no cameras"), ("images", "no images")] {
+        let folder = Scene::pinhole().folder();
+        fs::remove_file(folder.path().join(format!("sparse/0/{missing}.txt"))).unwrap();
+        assert_says(&load(folder.path()).unwrap_err().to_string(), &["sparse/0", told, "copy the whole folder"]);
+    }
+}
+
+#[test]
+fn a_byte_order_mark_before_a_list_is_skipped() {
+    let folder = Scene::pinhole().folder();
+    for name in ["cameras", "images", "points3D"] {
+        let path = folder.path().join(format!("sparse/0/{name}.txt"));
+        let text = fs::read_to_string(&path).unwrap();
+        fs::write(&path, format!("\u{feff}{text}")).unwrap();
+    }
+    assert_eq!(load(folder.path()).unwrap().train.len(), load(Scene::pinhole().folder().path()).unwrap().train.len());
 }
 
 #[test]

@@ -3,7 +3,8 @@
 mod page;
 mod pictures;
 mod trainings;
+mod turntable;
 
 pub use page::page;
 pub use pictures::{LIGHTS, Pictures};
-pub use trainings::{TrainedScene, orbit, results, table};
+pub use trainings::{Orbit, TrainedScene, results, table};

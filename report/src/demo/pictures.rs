@@ -1,6 +1,7 @@
 //! Pictures of the demo: comparisons, layers, lights, relit views, and an animation.
 
-use crate::error::{Error, Result};
+use super::{trainings::Orbit, turntable};
+use crate::error::Result;
 use specula_core::{camera::Camera, rules::Channels, shade::ShadingForm};
 use specula_io::{
     latlong::{self, LatLong, UpAxis},
@@ -8,14 +9,17 @@ use specula_io::{
     pixels::Pixels,
 };
 use specula_scene::{ExecutorChoice, Layer, RenderOptions, Scene, SceneRenderer, environment::radiance};
-use specula_train::view::{Normals, View};
+use specula_train::{
+    evaluate::measure_view,
+    view::{Normals, View},
+};
 use std::path::Path;
 
 /// Lights of the data set, under which some test views are known.
 pub const LIGHTS: [&str; 2] = ["forest", "sunset"];
 
 /// Test views of the comparison.
-const COMPARED: [&str; 4] = ["r_0", "r_14", "r_24", "r_34"];
+const COMPARED: [&str; 3] = ["r_0", "r_14", "r_24"];
 /// Test views with ground truth under other lights.
 const RELIT: [&str; 2] = ["r_8", "r_28"];
 /// Test views whose layers are shown.
@@ -32,8 +36,6 @@ const LAYERS: [(Layer, &str); 5] = [
 const ERROR_MAX: f32 = 0.25;
 /// Width and height of pictures of lights.
 const LIGHT_SIZE: [usize; 2] = [320, 160];
-/// Duration of a frame of the animation in milliseconds.
-const FRAME_MS: u16 = 70;
 /// Background of the data set.
 const WHITE: [f32; 3] = [1.0; 3];
 
@@ -49,10 +51,14 @@ pub(super) struct Figure {
 /// Pictures of the page, in rows.
 #[derive(Debug)]
 pub struct Pictures {
-    pub(super) comparison: Vec<Vec<Figure>>,
+    /// Ground truth, plain and shaded, of each view.
+    pub(super) views: Vec<Vec<Figure>>,
+    pub(super) errors: Vec<Vec<Figure>>,
     pub(super) layers: Vec<Vec<Figure>>,
     pub(super) lights: Vec<Vec<Figure>>,
     pub(super) relit: Vec<Vec<Figure>>,
+    /// Mean PSNR of the relit views in dB, as rendered.
+    pub(super) relit_psnr: String,
 }
 
 impl Pictures {
@@ -73,23 +79,23 @@ impl Pictures {
         test: &[View],
         plain: &Scene,
         shaded: &Scene,
-        orbit: &[Camera],
+        orbit: &Orbit,
         advance: &dyn Fn(u64),
     ) -> Result<Self> {
         let [mut plain, mut lit] = [renderer(plain, Channels::Training)?, renderer(shaded, Channels::Training)?];
-        let comparison = comparison(folder, test, &mut plain, &mut lit)?;
+        let [views, errors] = comparison(folder, test, &mut plain, &mut lit)?;
         advance(1);
         let layers = layers(folder, test, shaded)?;
         advance(2);
         let true_light = latlong::read(&folder.join("data/light/workshop.hdr"))?.0;
         let lights = lights(folder, shaded, &true_light)?;
         advance(3);
-        let frames = orbit.iter().map(|camera| rendered(&mut lit, camera, Layer::Rgb)).collect::<Result<Vec<_>>>()?;
-        picture::write_animation(&folder.join("turntable.png"), &frames, FRAME_MS)?;
+        let sunset = latlong::read(&folder.join("data/light/sunset.hdr"))?.0;
+        turntable::write(&folder.join("turntable.png"), shaded, orbit, &sunset)?;
         advance(4);
-        let relit = relit(folder, test, shaded)?;
+        let (relit, relit_psnr) = relit(folder, test, shaded)?;
         advance(5);
-        Ok(Self { comparison, layers, lights, relit })
+        Ok(Self { views, errors, layers, lights, relit, relit_psnr: format!("{relit_psnr:.1}") })
     }
 }
 
@@ -108,14 +114,15 @@ fn figure(folder: &Path, name: &str, image: &RgbImage, caption: impl Into<String
     Ok(Figure { file, caption: caption.into(), size: [image.width(), image.height()] })
 }
 
-/// Ground truth, both trainings, their errors, and normals.
+/// Ground truth and both trainings of each view; then their errors and normals.
 fn comparison(
     folder: &Path,
     test: &[View],
     plain: &mut SceneRenderer,
     shaded: &mut SceneRenderer,
-) -> Result<Vec<Vec<Figure>>> {
-    let row = |view: &View| -> Result<Vec<Figure>> {
+) -> Result<[Vec<Vec<Figure>>; 2]> {
+    let (mut views, mut errors) = (Vec::new(), Vec::new());
+    for view in views_named(test, &COMPARED) {
         let truth = photograph(view, &view.over(WHITE));
         let [in_plain, in_shaded] =
             [rendered(plain, &view.camera, Layer::Rgb)?, rendered(shaded, &view.camera, Layer::Rgb)?];
@@ -123,21 +130,24 @@ fn comparison(
             [&in_plain, &in_shaded].map(|image| picture::error_map(image, &truth, ERROR_MAX));
         let normals = rendered(shaded, &view.camera, Layer::Normal)?;
         let true_normals = view.normals.as_ref().map(|normals| normal_map(&view.camera, normals));
-        let panels = [
+        let written = |(image, file, caption): (Option<RgbImage>, &str, &str)| {
+            image.map(|image| figure(folder, &format!("{}-{file}", view.name), &image, caption))
+        };
+        let pictures = [
             (Some(truth), "truth", "ground truth"),
             (Some(in_plain), "3dgs", "3dgs"),
             (Some(in_shaded), "specula", "specula"),
+        ];
+        views.push(pictures.into_iter().filter_map(written).collect::<Result<_>>()?);
+        let differences = [
             (Some(plain_error), "error-3dgs", "error of 3dgs"),
             (Some(shaded_error), "error-specula", "error of specula"),
             (Some(normals), "normals", "specula's normals"),
             (true_normals, "true-normals", "true normals"),
         ];
-        let written = |(image, file, caption): (Option<RgbImage>, &str, &str)| {
-            image.map(|image| figure(folder, &format!("{}-{file}", view.name), &image, caption))
-        };
-        panels.into_iter().filter_map(written).collect()
-    };
-    views_named(test, &COMPARED).map(row).collect()
+        errors.push(differences.into_iter().filter_map(written).collect::<Result<_>>()?);
+    }
+    Ok([views, errors])
 }
 
 /// Layers of the shaded scene.
@@ -189,25 +199,30 @@ fn preview(cube: &[f32], resolution: usize) -> LatLong {
     latlong::from_cube(cube, resolution, width, height, UpAxis::Z)
 }
 
-/// Each light, and two views under it beside ground truth.
-fn relit(folder: &Path, test: &[View], scene: &Scene) -> Result<Vec<Vec<Figure>>> {
-    let row = |light: &str| -> Result<Vec<Figure>> {
+/// Two views under each light beside ground truth, and their mean PSNR.
+fn relit(folder: &Path, test: &[View], scene: &Scene) -> Result<(Vec<Vec<Figure>>, f64)> {
+    let (mut rows, mut psnrs) = (Vec::new(), Vec::new());
+    for light in LIGHTS {
         let mut scene = scene.clone();
         scene.relight(&latlong::read(&folder.join(format!("data/light/{light}.hdr")))?.0, UpAxis::Z);
-        let cube = scene.light.as_ref().ok_or_else(|| Error::Input("the scene of the demo has no light".into()))?;
-        let map = picture::tone_map_latlong(&preview(&cube.values, cube.resolution));
-        let mut row = vec![figure(folder, &format!("light-{light}"), &map, light)?];
         let mut renderer = renderer(&scene, Channels::Color)?;
         for view in views_named(test, &RELIT) {
-            let name = format!("{}-{light}", view.name);
-            let image = rendered(&mut renderer, &view.camera, Layer::Rgb)?;
-            row.push(figure(folder, &name, &image, "specula, relit")?);
             let pixels = Pixels::read(&folder.join(format!("data/relit/{light}/{}.png", view.name)))?;
-            let view = View { rgba: pixels.rgba, ..view.clone() };
-            let truth = photograph(&view, &view.over(WHITE));
-            row.push(figure(folder, &format!("{name}-true"), &truth, "ground truth")?);
+            let true_view = View { rgba: pixels.rgba, ..view.clone() };
+            let image = renderer.render(&view.camera)?;
+            let psnr = measure_view(&image, &true_view, WHITE).psnr;
+            psnrs.push(psnr);
+            let name = format!("{}-{light}", view.name);
+            let before = photograph(view, &view.over(WHITE));
+            let relit = Layer::Rgb.picture(&image, ShadingForm::Paper, WHITE);
+            let truth = photograph(&true_view, &true_view.over(WHITE));
+            rows.push(vec![
+                figure(folder, &format!("{name}-before"), &before, "in the light of the pictures")?,
+                figure(folder, &name, &relit, format!("specula, {light}: {psnr:.1} dB"))?,
+                figure(folder, &format!("{name}-true"), &truth, format!("ground truth, {light}"))?,
+            ]);
         }
-        Ok(row)
-    };
-    LIGHTS.iter().map(|light| row(light)).collect()
+    }
+    let mean = psnrs.iter().sum::<f64>() / psnrs.len().max(1) as f64;
+    Ok((rows, mean))
 }

@@ -1,6 +1,7 @@
 //! Trainings of the demo, measured.
 
 use crate::measure::{self, MAE, MEASURES, PSNR, SSIM, Values};
+use glam::Vec3;
 use serde_json::Value;
 use specula_core::camera::Camera;
 use specula_io::cameras::NamedCamera;
@@ -8,9 +9,9 @@ use specula_scene::{Scene, number::group_digits, orbit::turntable, orientation};
 use specula_train::view::View;
 
 /// Frames of the animation.
-const FRAMES: u32 = 36;
+const FRAMES: u32 = 24;
 /// Width and height of a frame in pixels.
-const FRAME_SIZE: [u32; 2] = [240, 240];
+const FRAME_SIZE: [u32; 2] = [400, 400];
 
 /// One of the two trainings of the demo.
 #[derive(Clone, Debug)]
@@ -57,12 +58,23 @@ pub fn results(trained: [&TrainedScene; 2]) -> Value {
     Value::Object(trained.into_iter().map(entry).collect())
 }
 
-/// Cameras of the animation: a turntable of a scene with these test views.
-pub fn orbit(test: &[View], scene: &Scene) -> Vec<Camera> {
-    let [width, height] = FRAME_SIZE;
-    let known = test.iter().map(|view| (view.name.clone(), view.camera.resized(width, height)));
-    let known: Vec<NamedCamera> = known.collect();
-    let found = orientation::estimate(known.iter().map(|(_, camera)| camera), &[]);
-    let orientation = found.unwrap_or_else(|| orientation::of_gaussians(&scene.gaussians));
-    turntable(&orientation, &known, FRAMES, None).into_iter().map(|(_, camera)| camera).collect()
+/// Cameras of the animation, which go around a scene once.
+#[derive(Clone, Debug)]
+pub struct Orbit {
+    /// Unit vector up.
+    pub(super) up: Vec3,
+    pub(super) cameras: Vec<Camera>,
+}
+
+impl Orbit {
+    /// Turntable of a scene with these test views.
+    pub fn new(test: &[View], scene: &Scene) -> Self {
+        let [width, height] = FRAME_SIZE;
+        let known = test.iter().map(|view| (view.name.clone(), view.camera.resized(width, height)));
+        let known: Vec<NamedCamera> = known.collect();
+        let found = orientation::estimate(known.iter().map(|(_, camera)| camera), &[]);
+        let orientation = found.unwrap_or_else(|| orientation::of_gaussians(&scene.gaussians));
+        let cameras = turntable(&orientation, &known, FRAMES, None).into_iter().map(|(_, camera)| camera).collect();
+        Self { up: orientation::up(&orientation), cameras }
+    }
 }

@@ -84,11 +84,26 @@ fn train(task: &Task, ranks: &Ranks<'_>) -> Result<Outcome, Failure> {
         )));
     }
     if is_finished(args)? {
+        refuse_other_data(args)?;
         return Ok(Outcome::Kept);
     }
     let resume = checkpoint::path_in(folder).is_file();
     let resuming = ResumeOptions { resume, ..args.resuming.clone() };
     super::run(&Train { resuming, ..args.clone() }, ranks).map(|()| Outcome::Trained)
+}
+
+/// Refuses a finished model of another data set, which is still where it was trained from.
+fn refuse_other_data(args: &Train) -> Result<(), Failure> {
+    let Some(info) = model_folder::read_info(&args.model_path)? else { return Ok(()) };
+    let trained_on = Path::new(&info.source_path).canonicalize();
+    let asked_for = args.source().and_then(|source| source.canonicalize().ok());
+    match (trained_on, asked_for) {
+        (Ok(then), Some(now)) if then != now => Err(Failure::Input(format!(
+            "{:?} holds a model of another data set, {then:?}; replace it (--overwrite), or name another model-path",
+            args.model_path
+        ))),
+        _ => Ok(()),
+    }
 }
 
 /// Whether the folder of a training holds its last iteration, measured if that was asked for.

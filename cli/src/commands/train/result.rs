@@ -77,6 +77,12 @@ pub(super) fn finish(
     let Outcome { iteration, seconds, is_interrupted, .. } = outcome;
     let scene = training.scene()?;
     let count = scene.gaussians.count;
+    if !scene.is_finite() {
+        return Err(Failure::Input(format!(
+            "the training diverged by iteration {iteration}, to numbers that are not finite, and is not saved; check \
+             the cameras' poses with specula info, and leave out what is far from all others"
+        )));
+    }
     info.rest.insert("gaussians".into(), count.into());
     if count == 0 {
         tracing::warn!(
@@ -107,10 +113,10 @@ pub(super) fn finish(
     let facts = format!("{} Gaussians, {iteration} iterations, {seconds:.0} s{}", group_digits(count), peak_memory());
     if !args.eval {
         output::say(&facts)?;
-        tracing::info!("{}", next_commands(args, scene.light.is_some()));
+        tracing::info!("{}", next_commands(args, &scene));
         return Ok(());
     }
-    let is_lit = scene.light.is_some();
+    let next = next_commands(args, &scene);
     let options = RenderOptions::full_precision(training.choice().clone());
     let materials = materials_of(&scene, &options, views.data)?;
     let light = measured_light(args, &scene, &info, views);
@@ -133,7 +139,7 @@ pub(super) fn finish(
     let albedo = materials.and_then(|materials| materials.albedo_scale).map(albedo_summary);
     let lines = iter::once(first).chain(albedo).chain(light.as_ref().map(LightQuality::summary));
     output::say(&lines.collect::<Vec<_>>().join("\n"))?;
-    tracing::info!("{}", next_commands(args, is_lit));
+    tracing::info!("{next}");
     Ok(())
 }
 
@@ -151,9 +157,13 @@ fn measured_light(args: &Train, scene: &Scene, info: &ModelInfo, views: &Views<'
 }
 
 /// Note with commands for a trained model.
-fn next_commands(args: &Train, is_lit: bool) -> String {
+fn next_commands(args: &Train, scene: &Scene) -> String {
     let model = shell_word(&args.model_path.to_string_lossy());
-    let relight = if is_lit { format!(", specula relight {model} --env LIGHT.hdr") } else { String::new() };
+    let relight = match (scene.gaussians.layout.is_physical, scene.light.is_some()) {
+        (true, _) => format!(", specula relight {model} --sun 30,45 --ground"),
+        (false, true) => format!(", specula relight {model} --env LIGHT.hdr"),
+        (false, false) => String::new(),
+    };
     format!("next: specula view {model}, specula render {model} --turntable 36{relight}")
 }
 

@@ -1,0 +1,160 @@
+//! Time left of some work: the time of all steps so far for each unit of their expected cost, times
+//! the cost of those left, and the mean time of the pauses so far for each of those left.
+
+use core::fmt;
+
+/// What is known of the steps of some work before it begins.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Plan {
+    /// Cost of all steps up to each, from none to all, in any unit; each step costs the same where
+    /// this is empty.
+    pub(crate) costs: Vec<f64>,
+    /// Steps that include a pause of unknown length, in ascending order.
+    pub(crate) pauses: Vec<u64>,
+}
+
+/// Estimate that learns from the steps done.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct TimeLeft {
+    plan: Plan,
+    /// Steps done, and the time since the start in seconds.
+    done: u64,
+    seconds: f64,
+    /// Cost and seconds of steps, without their pauses.
+    steps: Sum,
+    /// Number and seconds of pauses.
+    pauses: Sum,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Sum {
+    amount: f64,
+    seconds: f64,
+}
+
+impl Sum {
+    fn add(&mut self, amount: f64, seconds: f64) {
+        self.amount += amount;
+        self.seconds += seconds;
+    }
+
+    /// Seconds of one.
+    fn mean(self) -> Option<f64> {
+        (self.amount > 0.0).then(|| self.seconds / self.amount)
+    }
+}
+
+impl TimeLeft {
+    /// Estimate of work that begins after `done` steps.
+    pub(crate) fn new(plan: Plan, done: u64) -> Self {
+        Self { plan, done, ..Self::default() }
+    }
+
+    /// Learns that `done` steps are done `seconds` after the start.
+    pub(crate) fn advance(&mut self, done: u64, seconds: f64) {
+        if done <= self.done {
+            return;
+        }
+        let (cost, pauses) = (self.cost(self.done, done), self.pauses_between(self.done, done));
+        let passed = (seconds - self.seconds).max(0.0);
+        let of_steps = match self.steps.mean() {
+            Some(mean) if pauses > 0.0 => passed.min(mean * cost),
+            _ => passed,
+        };
+        self.steps.add(cost, of_steps);
+        self.pauses.add(pauses, passed - of_steps);
+        (self.done, self.seconds) = (done, seconds);
+    }
+
+    /// Seconds left of `all` steps; none before the first is done.
+    pub(crate) fn seconds(&self, all: u64) -> Option<f64> {
+        let steps = self.steps.mean()? * self.cost(self.done, all);
+        Some(steps + self.pauses.mean().unwrap_or(0.0) * self.pauses_between(self.done, all))
+    }
+
+    fn cost(&self, from: u64, to: u64) -> f64 {
+        let at = |step: u64| self.plan.costs.get(step as usize).or(self.plan.costs.last());
+        match (at(from), at(to)) {
+            (Some(from), Some(to)) => to - from,
+            _ => to.saturating_sub(from) as f64,
+        }
+    }
+
+    fn pauses_between(&self, from: u64, to: u64) -> f64 {
+        self.plan.pauses.iter().filter(|pause| (from + 1..=to).contains(*pause)).count() as f64
+    }
+}
+
+/// Seconds as hours, minutes and seconds.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Spoken(pub(crate) f64);
+
+impl fmt::Display for Spoken {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let seconds = self.0.max(0.0).round() as u64;
+        let (hours, minutes) = (seconds / 3600, seconds / 60 % 60);
+        match (hours, minutes) {
+            (0, 0) => write!(out, "{seconds} s"),
+            (0, _) => write!(out, "{minutes} min {} s", seconds % 60),
+            _ => write!(out, "{hours} h {minutes} min"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Work of 1000 steps that costs `cost` seconds a step, and 4 s at each pause; returns the ratio
+    /// of estimate to truth after some steps.
+    fn ratio(plan: Plan, cost: impl Fn(u64) -> f64, pauses: &[u64], at: u64) -> f64 {
+        let time = |to: u64| {
+            let steps: f64 = (1..=to).map(&cost).sum();
+            steps + 4.0 * pauses.iter().filter(|pause| **pause <= to).count() as f64
+        };
+        let mut left = TimeLeft::new(plan, 0);
+        (1..=at).for_each(|step| left.advance(step, time(step)));
+        left.seconds(1000).unwrap() / (time(1000) - time(at))
+    }
+
+    #[test]
+    fn a_slow_step_is_not_taken_for_the_rate() {
+        let pauses = [100, 300, 500, 700, 900];
+        let even = |_| 0.025;
+        for at in [101, 150, 300, 301, 600, 899] {
+            let planned = Plan { costs: Vec::new(), pauses: pauses.into() };
+            assert!((ratio(planned, even, &pauses, at) - 1.0).abs() < 1e-9, "{at}");
+        }
+        assert!(ratio(Plan::default(), even, &pauses, 101) > 1.5, "unplanned, a pause is spread over all steps");
+    }
+
+    #[test]
+    fn dearer_steps_that_follow_are_planned() {
+        let cost = |step: u64| if step <= 250 { 0.01 } else { 0.03 };
+        let costs = (0..=1000).scan(0.0, |sum, step| {
+            *sum += if step == 0 { 0.0 } else { cost(step) * 7.0 };
+            Some(*sum)
+        });
+        let planned = Plan { costs: costs.collect(), pauses: Vec::new() };
+        assert!((ratio(planned, cost, &[], 100) - 1.0).abs() < 1e-9);
+        assert!(ratio(Plan::default(), cost, &[], 100) < 0.5);
+    }
+
+    #[test]
+    fn work_that_was_resumed_counts_its_own_steps() {
+        let mut left = TimeLeft::new(Plan::default(), 5000);
+        assert_eq!(left.seconds(6000), None, "nothing is known yet");
+        left.advance(5100, 2.0);
+        assert_eq!(left.seconds(6000), Some(18.0));
+        left.advance(5100, 3.0);
+        assert_eq!(left.seconds(6000), Some(18.0), "no step was done");
+        left.advance(6000, 20.0);
+        assert_eq!(left.seconds(6000), Some(0.0));
+    }
+
+    #[test]
+    fn times_are_told_in_hours_minutes_and_seconds() {
+        let told = [0.4, 59.4, 59.6, 3599.0, 5025.0, f64::NAN].map(|seconds| Spoken(seconds).to_string());
+        assert_eq!(told, ["0 s", "59 s", "1 min 0 s", "59 min 59 s", "1 h 23 min", "0 s"]);
+    }
+}
