@@ -243,7 +243,8 @@ pub enum Error {
     },
     /// Masks hide every training picture.
     #[error(
-        "no pixel of any training picture counts: masks are white where pixels count, and these are black throughout"
+        "no pixel of any training picture counts: its masks are black throughout, where white counts, or its lens has \
+         parameters that no pixel fits"
     )]
     AllMasked,
     /// An image has no pixels.

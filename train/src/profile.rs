@@ -564,10 +564,12 @@ impl Profile {
     /// as many pixels, and `count` Gaussians at the start, whose number grows while they are
     /// refined. Fitted to trainings of `spheres` and `blowtorch` on a CPU.
     pub fn step_cost(&self, iteration: u32, iterations: u32, pixels: usize, count: usize) -> f64 {
-        const STEP: f64 = 9400.0;
+        const STEP: f64 = 12_000.0;
         const GAUSSIAN: f64 = 0.35;
         const PIXEL: f64 = 0.06;
         const MATERIALS: f64 = 1.3;
+        /// Splats of the first tenth are large, and many cover each pixel.
+        const START: f64 = 1.3;
         /// Growth of the number by that many refinements, which flattens out.
         const GROWTH: f64 = 1.7;
         const REFINEMENTS: f64 = 20.0;
@@ -579,6 +581,8 @@ impl Profile {
         let pixels = if is_coarse { pixels / 4 } else { pixels };
         let cost = STEP + GAUSSIAN * count as f64 * (1.0 + growth) + PIXEL * pixels as f64;
         let has_materials = self.physical.is_some_and(|physical| physical.is_due(iteration, iterations));
+        let is_start = iteration as f32 <= 0.1 * iterations as f32;
+        let cost = if is_start { START * cost } else { cost };
         if has_materials { cost * (1.0 + MATERIALS) } else { cost }
     }
 

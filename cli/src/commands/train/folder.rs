@@ -2,7 +2,7 @@
 //! from.
 
 use crate::{
-    args::{LightReference, Train},
+    args::{LightReference, Start, Train},
     config,
     failure::Failure,
     settings,
@@ -90,18 +90,25 @@ pub(super) fn read_checkpoint(
             saved.state.iteration, args.iterations
         ));
     }
-    let mut profile = Profile {
-        foreground: settings.profile.foreground,
-        ..settings::profile_of(args, earlier.iterations, of_objects)?
+    let settings_of = |args: &Train| -> Result<String, Failure> {
+        let mut profile = Profile {
+            foreground: settings.profile.foreground,
+            ..settings::profile_of(args, earlier.iterations, of_objects)?
+        };
+        if let Some(KnownLight(radiance)) = &settings.profile.known_light {
+            profile = profile.under(radiance.to_vec());
+        }
+        if let Some(mean) = settings.profile.light_mean {
+            profile = profile.with_light_mean(mean);
+        }
+        Ok(training::settings_text(&Settings { profile, iterations: earlier.iterations, ..settings.clone() }))
     };
-    if let Some(KnownLight(radiance)) = &settings.profile.known_light {
-        profile = profile.under(radiance.to_vec());
-    }
-    if let Some(mean) = settings.profile.light_mean {
-        profile = profile.with_light_mean(mean);
-    }
-    let same = Settings { profile, iterations: earlier.iterations, ..settings.clone() };
-    if training::settings_text(&same) != earlier.settings {
+    if settings_of(args)? != earlier.settings {
+        let start = Start { no_materials: true, ..args.start.clone() };
+        let has_none = settings.profile.physical.is_some() && !args.start.relightable;
+        if has_none && settings_of(&Train { start, ..args.clone() })? == earlier.settings {
+            return refuse("is of a training without materials; add --no-materials".to_owned());
+        }
         if let Some(LightReference::Map(light)) = &args.start.light_reference {
             return refuse(format!(
                 "is of a training under another light than that of {light:?}, or of specula {}, which trained \
