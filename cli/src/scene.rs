@@ -8,7 +8,7 @@ use crate::{
 use glam::Vec3;
 use specula_core::{antialias::LowPass, scene::Image, shade::ShadingForm};
 use specula_io::{
-    Error, Input, budget, glb,
+    Error, Input, budget, dataset, glb,
     latlong::{LatLong, MapOrientation},
     model_folder::{self, Model},
 };
@@ -133,12 +133,30 @@ pub(crate) fn refuse_transparent_layers(views: &ViewOptions, layers: &[Layer]) -
     Err(Failure::Input("--background transparent is of colours; add rgb to --layers".into()))
 }
 
+/// Refuses a video as the folder of pictures, with the command that makes it of them.
+pub(crate) fn refuse_video(folder: Option<&Path>) -> Result<(), Failure> {
+    const VIDEOS: [&str; 6] = ["mp4", "mov", "webm", "mkv", "gif", "webp"];
+    let ending = folder.and_then(output::ending).filter(|ending| VIDEOS.contains(&ending.as_str()));
+    let (Some(path), Some(_)) = (folder, ending) else { return Ok(()) };
+    let frames = path.with_extension("");
+    Err(Failure::Input(format!(
+        "pictures are written to a folder; use -o {}, then ffmpeg -framerate 15 -i {} -pix_fmt yuv420p {}",
+        shown(&frames),
+        shown(&frames.join("rgb/%05d.png")),
+        shown(path)
+    )))
+}
+
 /// Opens a model. The error for another folder names what to open instead, if it is known.
 fn open_model(path: &Path, low_pass: Option<LowPass>) -> Result<Model, Failure> {
     let mut model = model_folder::open(path).map_err(|error| match (&error, models_in(path).as_slice()) {
         (Error::NoModel { .. }, [first, others @ ..]) => {
             let also = if others.is_empty() { String::new() } else { format!(", or one of {others:?}") };
             Failure::Input(format!("{path:?} is no model, but holds some; open {first:?}{also}"))
+        }
+        (Error::NoModel { .. }, []) if dataset::is_dataset(path) => {
+            let name = shown(path);
+            Failure::Input(format!("{path:?} is a data set; train it first: specula train {name} -m out/model"))
         }
         _ => error.into(),
     })?;

@@ -275,9 +275,8 @@ impl Shelf {
     }
 
     /// Bytes while a picture is decoded, which is at full size at first.
-    fn bytes_to_open(&self, state: &State, picture: PictureKey) -> u64 {
-        let is_halved = state.whole_of(picture).is_some();
-        self.bytes_of(PictureKey { is_halved, ..picture })
+    fn bytes_to_open(&self, picture: PictureKey) -> u64 {
+        self.bytes_of(PictureKey { is_halved: false, ..picture })
     }
 
     /// Bytes of all pictures at both sizes.
@@ -319,14 +318,21 @@ impl Shelf {
         visit: u64,
         next: &HashMap<PictureKey, u64>,
     ) -> Option<Job> {
-        let bytes = self.bytes_to_open(state, picture);
-        // Another owner keeps it from being freed.
-        let whole = state.whole_of(picture).cloned();
+        // Another owner keeps the picture at full size from being freed.
+        if let Some(whole) = state.whole_of(picture).cloned() {
+            let bytes = self.bytes_of(picture);
+            if state.make_room(budget, bytes, visit, next) {
+                state.reserve(picture, bytes);
+                return Some(Job { picture, whole: Some(whole) });
+            }
+        }
+        // Where there is no room beside it, it is freed and opened again.
+        let bytes = self.bytes_to_open(picture);
         if !state.make_room(budget, bytes, visit, next) {
             return None;
         }
         state.reserve(picture, bytes);
-        Some(Job { picture, whole })
+        Some(Job { picture, whole: None })
     }
 
     /// Decodes a picture whose memory is reserved.
@@ -374,7 +380,7 @@ impl Shelf {
                 None => {
                     let next = state.next_visits();
                     // A picture beyond the budget is held alone.
-                    let budget = self.budget.max(self.bytes_to_open(&state, picture));
+                    let budget = self.budget.max(self.bytes_to_open(picture));
                     match self.begin(&mut state, picture, budget, 0, &next) {
                         Some(job) => {
                             drop(state);
@@ -545,6 +551,19 @@ mod tests {
             assert_eq!(seen(pictures.as_mut(), turns[1]), expected);
         }
         assert!(seen(pictures.as_mut(), turns[2]).is_err(), "a panic is no reason to wait for ever");
+    }
+
+    #[test]
+    fn a_picture_is_halved_where_there_is_no_room_beside_it() {
+        let store = PictureStore::new(cameras(1), PICTURE, 0, |index| Ok(view(index)));
+        let mut pictures = store.pictures();
+        for is_halved in [false, true, false] {
+            let [turn] = turns(&[0], is_halved)[..] else { panic!("there is one turn") };
+            pictures.expect(&[turn]);
+            let size = if is_halved { SIZE / 2 } else { SIZE };
+            assert_eq!(seen(pictures.as_mut(), turn), Ok((0, size)));
+        }
+        assert!(store.held().bytes_max <= PICTURE, "{:?}", store.held());
     }
 
     #[test]

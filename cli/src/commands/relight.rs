@@ -38,6 +38,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
         return Err(Failure::Input("--turn-light shows colours alone; use it without --layers and --exr".into()));
     }
     refuse_transparent_layers(&args.views, &args.layers)?;
+    scene::refuse_video(args.output.as_deref())?;
     let ViewOptions { background, scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
     let plan = LightPlan::new(&args.lights, (&args.env_options).into())?;

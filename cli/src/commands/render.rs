@@ -31,6 +31,7 @@ use std::path::Path;
 /// Renders the requested pictures.
 pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     refuse_contradictions(args)?;
+    scene::refuse_video(args.output.as_deref())?;
     let ViewOptions { scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
     let set = CameraSet::choose(&(&args.views).into(), &opened)?;

@@ -206,6 +206,22 @@ fn pictures_videos_and_cameras_of_other_programs_are_no_data_set_yet() {
 }
 
 #[test]
+fn a_data_set_in_place_of_a_model_and_a_video_in_place_of_a_folder() {
+    let tiny = Tiny::new();
+    for name in ["view", "render"] {
+        let mut command = specula();
+        command.arg(name).arg(tiny.data());
+        refuses(command, &["is a data set", "specula train"]);
+    }
+    for name in ["turn.mp4", "turn.WEBP"] {
+        let mut command = specula();
+        command.arg("render").arg(tiny.path("model")).arg("-o").arg(tiny.path(name));
+        refuses(command, &["written to a folder", "ffmpeg", "rgb/%05d.png", name]);
+        assert!(!tiny.path(name).exists());
+    }
+}
+
+#[test]
 fn a_part_of_a_data_set() {
     let tiny = Tiny::new();
     for part in ["train", "sparse/0"] {
