@@ -3,7 +3,7 @@
 use crate::{
     args::{ProfileName, ViewOptions},
     failure::Failure,
-    progress,
+    output, progress,
 };
 use glam::Vec3;
 use specula_core::{antialias::LowPass, scene::Image, shade::ShadingForm};
@@ -21,6 +21,7 @@ use specula_scene::{
     light_file::{self, LightOptions},
     picture_folder::light_differences,
     rendering::PictureJob,
+    text::shown,
 };
 use specula_train::view::View;
 use std::path::{Path, PathBuf};
