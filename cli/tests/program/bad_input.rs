@@ -285,7 +285,7 @@ fn gaussians_that_cannot_be_read() {
     fs::write(&scene, "nothing of the kind").unwrap();
     refuses(renders(&scene, &out), &["scene.ply", "PLY"]);
     refuses(renders(&tiny.path("nowhere"), &out), &["nowhere"]);
-    refuses(renders(&tiny.data(), &out), &["data", "point_cloud"]);
+    refuses(renders(&tiny.data(), &out), &["data", "is a data set"]);
     assert!(!out.exists(), "a folder was made for pictures that cannot be");
 
     fs::write(&scene, whole).unwrap();
