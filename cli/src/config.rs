@@ -241,7 +241,7 @@ pub(crate) fn contradiction(now: &str, then: &str) -> Option<String> {
     if tables.iter().all(names_light) {
         tables.iter_mut().for_each(|table| drop(table.remove("light-reference")));
     }
-    // A training compares materials themselves: checkpoints of earlier versions have none by default.
+    // A training compares materials themselves, which earlier versions left out by default.
     tables.iter_mut().for_each(|table| drop(table.remove("no-materials")));
     first_difference(&tables[0], &tables[1])
 }

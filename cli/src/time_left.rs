@@ -3,7 +3,7 @@
 
 use core::fmt;
 
-/// What is known of the steps of some work before it begins.
+/// Costs and pauses of the steps of some work, as known before it begins.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Plan {
     /// Cost of all steps up to each, from none to all, in any unit; each step costs the same where
@@ -105,8 +105,8 @@ impl fmt::Display for Spoken {
 mod tests {
     use super::*;
 
-    /// Work of 1000 steps that costs `cost` seconds a step, and 4 s at each pause; returns the ratio
-    /// of estimate to truth after some steps.
+    /// Ratio of estimate to truth after some steps of work of 1000, each of `cost` seconds, with 4 s
+    /// at each pause.
     fn ratio(plan: Plan, cost: impl Fn(u64) -> f64, pauses: &[u64], at: u64) -> f64 {
         let time = |to: u64| {
             let steps: f64 = (1..=to).map(&cost).sum();

@@ -158,14 +158,14 @@ pub enum Misplaced {
     CamerasOf {
         /// The program.
         program: &'static str,
-        /// How it writes cameras that can be read.
+        /// Way to write cameras that can be read.
         remedy: &'static str,
     },
     /// Pictures without cameras.
     Pictures {
-        /// How many.
+        /// Their number.
         count: usize,
-        /// Where they are.
+        /// Their folder.
         folder: PathBuf,
     },
     /// A video.
