@@ -105,8 +105,8 @@ impl fmt::Display for Spoken {
 mod tests {
     use super::*;
 
-    /// Ratio of estimate to truth after some steps of work of 1000, each of `cost` seconds, with 4 s
-    /// at each pause.
+    /// Ratio of estimate to truth after some steps of 1000, each of `cost` seconds, with 4 s at each
+    /// pause.
     fn ratio(plan: Plan, cost: impl Fn(u64) -> f64, pauses: &[u64], at: u64) -> f64 {
         let time = |to: u64| {
             let steps: f64 = (1..=to).map(&cost).sum();
