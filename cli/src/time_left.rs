@@ -105,7 +105,7 @@ impl fmt::Display for Spoken {
 mod tests {
     use super::*;
 
-    /// Ratio of estimate to truth after some steps of 1000, each of `cost` seconds, with 4 s at each
+    /// Ratio of estimate to truth after some of 1000 steps, each of `cost` seconds, with 4 s at each
     /// pause.
     fn ratio(plan: Plan, cost: impl Fn(u64) -> f64, pauses: &[u64], at: u64) -> f64 {
         let time = |to: u64| {
