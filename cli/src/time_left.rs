@@ -105,8 +105,7 @@ impl fmt::Display for Spoken {
 mod tests {
     use super::*;
 
-    /// Ratio of estimate to truth after some of 1000 steps, each of `cost` seconds, with 4 s at each
-    /// pause.
+    /// Ratio of estimate to truth after some of 1000 steps of `cost` seconds, with pauses of 4 s.
     fn ratio(plan: Plan, cost: impl Fn(u64) -> f64, pauses: &[u64], at: u64) -> f64 {
         let time = |to: u64| {
             let steps: f64 = (1..=to).map(&cost).sum();
