@@ -57,12 +57,12 @@ impl TimeLeft {
         }
         let (cost, pauses) = (self.cost(self.done, done), self.pauses_between(self.done, done));
         let passed = (seconds - self.seconds).max(0.0);
-        let of_steps = match self.steps.mean() {
+        let step_seconds = match self.steps.mean() {
             Some(mean) if pauses > 0.0 => passed.min(mean * cost),
             _ => passed,
         };
-        self.steps.add(cost, of_steps);
-        self.pauses.add(pauses, passed - of_steps);
+        self.steps.add(cost, step_seconds);
+        self.pauses.add(pauses, passed - step_seconds);
         (self.done, self.seconds) = (done, seconds);
     }
 

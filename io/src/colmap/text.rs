@@ -14,6 +14,8 @@ use std::{
     path::Path,
 };
 
+/// Start of files of some editors.
+const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 /// Longest line of an image: ten numbers and a name.
 const IMAGE_LINE_MAX: u64 = 8192;
 
@@ -38,6 +40,9 @@ impl<'a> Lines<'a> {
         self.number += 1;
         let mut reader = self.reader.by_ref().take(COLMAP_LINE_MAX);
         let read = reader.read_until(b'\n', &mut self.line).map_err(Error::reading(self.path))?;
+        if self.number == 1 && self.line.starts_with(BYTE_ORDER_MARK) {
+            self.line.drain(..BYTE_ORDER_MARK.len());
+        }
         Ok(read > 0)
     }
 
@@ -58,8 +63,7 @@ impl<'a> Lines<'a> {
     /// Reads the next line that is neither blank nor a comment; false at the end of the file.
     fn next_record(&mut self) -> Result<bool> {
         while self.next()? {
-            let line = self.line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&self.line);
-            if line.trim_ascii().first().is_some_and(|first| *first != b'#') {
+            if self.line.trim_ascii().first().is_some_and(|first| *first != b'#') {
                 return Ok(true);
             }
         }
@@ -68,8 +72,7 @@ impl<'a> Lines<'a> {
 
     /// Words of the current line.
     fn words(&self) -> Result<Words<'_>> {
-        let line = self.line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&self.line);
-        let line = core::str::from_utf8(line).map_err(|_| self.refuse("is not UTF-8; copy the file again"))?;
+        let line = core::str::from_utf8(&self.line).map_err(|_| self.refuse("is not UTF-8; copy the file again"))?;
         Ok(Words { lines: self, rest: line.trim() })
     }
 
