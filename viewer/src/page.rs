@@ -47,12 +47,12 @@ const CLOSED: &str = "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsaf
 /// The same where renderer and scene are files beside the page.
 const HOSTED: &str = "connect-src 'self'";
 
-/// Renderer of web pages, as `scripts/build-web` makes it.
+/// Renderer of web pages, as `scripts/build-web` writes it.
 #[derive(Clone, Copy, Debug)]
 pub struct WebRenderer<'a> {
     /// JavaScript that loads it.
     pub script: &'a str,
-    /// WebAssembly.
+    /// WebAssembly, compressed with gzip.
     pub module: &'a [u8],
 }
 
@@ -85,7 +85,7 @@ impl WebPage {
             title: scene.viewed.name.clone(),
             script: renderer.script.to_owned(),
             still,
-            module: compressed(renderer.module),
+            module: renderer.module.to_owned(),
             scene: compressed(&scene.pack(precision)),
         }
     }

@@ -13,7 +13,7 @@ pub(crate) const ITERATIONS: u32 = 1500;
 ///
 /// Plain Gaussian splatting (3dgs) and specula are trained for the same number of iterations with
 /// the same settings. Their measures are printed as a table and written to OUT/results.json;
-/// OUT/index.html shows the pictures.
+/// OUT/index.html shows the pictures, and OUT/ball.html the scene itself in a browser with WebGPU.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  specula demo -o out/demo")]
 pub(crate) struct Demo {

@@ -3,7 +3,13 @@
 mod data;
 
 use crate::{
-    args::Demo, dataset, failure::Failure, interrupt, output, progress, scene::measure_views, training::Session,
+    args::{Arguments, Command, Demo},
+    commands::export,
+    dataset,
+    failure::Failure,
+    interrupt, output, progress,
+    scene::measure_views,
+    training::Session,
 };
 use specula_core::rules::Channels;
 use specula_io::{
@@ -12,7 +18,7 @@ use specula_io::{
     within,
 };
 use specula_report::{
-    demo::{self, Orbit, Pictures, TrainedScene},
+    demo::{self, LIGHTS, Orbit, Pictures, TrainedScene},
     measure,
 };
 use specula_scene::{
@@ -27,7 +33,10 @@ use specula_train::{
     start::{Point, random_points},
     trainer::Settings,
 };
-use std::path::{Path, PathBuf};
+use std::{
+    ffi::OsString,
+    path::{Path, PathBuf},
+};
 
 /// Number of random points that both trainings start from.
 const POINTS: usize = 10_000;
@@ -52,6 +61,7 @@ pub(crate) fn run(args: &Demo) -> Result<(), Failure> {
         work.done(done, String::new);
     })?;
     work.finish();
+    write_ball(&args.output)?;
     let page = args.output.join("index.html");
     output::write_text(&page, &demo::page(&args.output, &rows, args.iterations, &pictures)?)?;
     let line = |[name, rest @ ..]: &[String; 6]| {
@@ -62,10 +72,27 @@ pub(crate) fn run(args: &Demo) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Writes the shaded scene as a page for browsers, with the demo's lights to choose from.
+fn write_ball(folder: &Path) -> Result<(), Failure> {
+    let [model, page] = [PROFILES[1], "ball.html"].map(|name| folder.join(name).into_os_string());
+    let lights = LIGHTS.map(|name| folder.join("data/light").join(format!("{name}.hdr")).into_os_string());
+    let words = ["specula", "export", "--no-error", "-o"].map(OsString::from);
+    let words = words.into_iter().chain([page]).chain([OsString::from("--page-env")]).chain(lights);
+    let arguments = Arguments::parse_words(words.chain(["--".into(), model])).map_err(|error| error.to_string());
+    match arguments.map(|arguments| arguments.command) {
+        Ok(Command::Export(args)) => export::run(&args),
+        Ok(_) => unreachable!("the words name the command"),
+        Err(error) => Err(Failure::Internal(error)),
+    }
+}
+
 /// Commands that follow a demo.
 fn next_commands(folder: &Path) -> String {
     let [model, light] = [PROFILES[1], "data/light/sunset.hdr"].map(|name| shown(&folder.join(name)));
-    format!("specula view {model} --env {light} --sun 30,40, specula export {model} -o ball.html")
+    format!(
+        "specula view {model} --env {light} --sun 30,40, specula relight {model} --env {light} --sun 30,40 --ground \
+         --turntable 24"
+    )
 }
 
 /// Trains the shaded scene alone; returns the folder of its model.

@@ -52,9 +52,8 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         return Err(Failure::Input("--mesh writes .ply files as meshes; name one with -o, or a .obj".to_owned()));
     }
     let is_page = |format: &ExportFormat| matches!(format, ExportFormat::Page | ExportFormat::PageFolder);
-    if formats.iter().any(is_page) {
-        page::renderer()?;
-    } else if args.page_exact || !args.page_env.is_empty() {
+    let has_page_options = args.page_exact || !args.page_env.is_empty();
+    if has_page_options && !formats.iter().any(is_page) {
         return Err(Failure::Input("--page-env and --page-exact are of pages; write one with -o FILE.html".to_owned()));
     }
     refuse_options_without_light(
@@ -82,28 +81,28 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     let placement = if args.upright { Some(placement(args, &opened)?) } else { None };
     let background = background_of(&opened, args.background);
     let exporter = Exporter { args, background, opened, placement };
-    let mut plains: BTreeMap<u8, PlainGaussians> = BTreeMap::new();
-    let mut references = None;
+    let mut baked = Baked::default();
+    // A file that cannot be written does not keep the others from being written.
+    let mut failures = Vec::new();
     for (path, format) in args.output.iter().zip(formats) {
-        match format {
-            ExportFormat::LatLong => exporter.write_map(path)?,
-            ExportFormat::PrefilteredLight => exporter.write_prefiltered(path)?,
-            ExportFormat::Mesh => exporter.write_mesh(path)?,
-            ExportFormat::Page => exporter.write_page(path, false)?,
-            ExportFormat::PageFolder => exporter.write_page(path, true)?,
-            ExportFormat::Gaussians(format) => {
-                let degree = format.degree_max().min(args.sh_degree.unwrap_or(DEGREE));
-                if let Entry::Vacant(entry) = plains.entry(degree) {
-                    entry.insert(exporter.plain(degree)?);
-                }
-                if references.is_none() && !args.no_error {
-                    references = Some(exporter.references()?);
-                }
-                exporter.write_gaussians(path, format, &plains[&degree], references.as_ref())?;
-            }
+        match exporter.write(path, format, &mut baked) {
+            Ok(()) => {}
+            Err(failure @ (Failure::BrokenPipe | Failure::Interrupted(_))) => return Err(failure),
+            Err(failure) => failures.push(failure),
         }
     }
-    Ok(())
+    let Some(last) = failures.pop() else { return Ok(()) };
+    failures.iter().for_each(|failure| tracing::error!("{failure}"));
+    Err(last)
+}
+
+/// Gaussians in the form of other programs, and the pictures that they are compared with: computed
+/// once for all files.
+#[derive(Default)]
+struct Baked {
+    /// By degree.
+    plains: BTreeMap<u8, PlainGaussians>,
+    references: Option<ReferencePictures>,
 }
 
 fn format_of(path: &Path, is_mesh: bool) -> Result<ExportFormat, Failure> {
@@ -135,6 +134,25 @@ struct Exporter<'a> {
 }
 
 impl Exporter<'_> {
+    fn write(&self, path: &Path, format: ExportFormat, baked: &mut Baked) -> Result<(), Failure> {
+        let format = match format {
+            ExportFormat::LatLong => return self.write_map(path),
+            ExportFormat::PrefilteredLight => return self.write_prefiltered(path),
+            ExportFormat::Mesh => return self.write_mesh(path),
+            ExportFormat::Page => return self.write_page(path, false),
+            ExportFormat::PageFolder => return self.write_page(path, true),
+            ExportFormat::Gaussians(format) => format,
+        };
+        let degree = format.degree_max().min(self.args.sh_degree.unwrap_or(DEGREE));
+        if let Entry::Vacant(entry) = baked.plains.entry(degree) {
+            entry.insert(self.plain(degree)?);
+        }
+        if baked.references.is_none() && !self.args.no_error {
+            baked.references = Some(self.references()?);
+        }
+        self.write_gaussians(path, format, &baked.plains[&degree], baked.references.as_ref())
+    }
+
     fn scene(&self) -> &Scene {
         &self.opened.scene
     }

@@ -14,29 +14,15 @@ use specula_scene::{
 use specula_viewer::{PackPrecision, PackedLight, PackedScene, ViewedScene, WebPage, WebRenderer};
 use std::path::{Path, PathBuf};
 
-/// Renderer that was built before the program; empty where none was.
-const SCRIPT: &str = include_str!(concat!(env!("OUT_DIR"), "/specula_web.js"));
-const MODULE: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/specula_web_bg.wasm"));
+/// Renderer of pages, from `scripts/build-web`.
+const RENDERER: WebRenderer<'_> = WebRenderer {
+    script: include_str!("../../../data/renderer/specula_web.js"),
+    module: include_bytes!("../../../data/renderer/specula_web_bg.wasm.gz"),
+};
 /// Longer edge of the still picture, in pixels.
 const STILL_EDGE: u32 = 960;
 /// JPEG quality of the still picture.
 const STILL_QUALITY: u8 = 85;
-
-/// Renderer of pages.
-///
-/// # Errors
-///
-/// A sentence on how to build it, where the program was built without it.
-pub(super) fn renderer() -> Result<WebRenderer<'static>, Failure> {
-    if MODULE.is_empty() || SCRIPT.is_empty() {
-        return Err(Failure::Input(
-            "this program was built without the renderer of web pages; run scripts/build-web and then cargo build \
-             in its source folder, or use a released program"
-                .to_owned(),
-        ));
-    }
-    Ok(WebRenderer { script: SCRIPT, module: MODULE })
-}
 
 impl Exporter<'_> {
     /// Writes a page as a file, or as a folder.
@@ -49,7 +35,7 @@ impl Exporter<'_> {
         let error = self.page_error(&packed, precision)?;
         packed.caption = self.caption(count, &error);
         let still = self.still(&packed.viewed)?;
-        let page = WebPage::new(renderer()?, &packed, precision, still);
+        let page = WebPage::new(RENDERER, &packed, precision, still);
         let files = if is_folder {
             page.folder().map(|(name, contents)| (path.join(name), contents)).into()
         } else {
