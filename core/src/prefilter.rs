@@ -84,7 +84,7 @@ pub struct Levels {
 
 /// Roughness of our levels: each about a third more than the one before, so that a linear blend of
 /// two neighbours stays close, from a lobe that is lost in a texel of a 64² map on. Chosen by
-/// measurement (docs/performance.md, The prefilter).
+/// measurement (docs/lab/performance.md, The prefilter).
 const ROUGHNESS: [f32; MAX_LEVELS] = [0.0, 0.07, 0.125, 0.17, 0.23, 0.3, 0.4, 0.55, 0.75, 1.0];
 /// No level is coarser than this.
 const RESOLUTION_MIN: usize = 16;

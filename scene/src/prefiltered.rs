@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 /// Face resolution of lat-long maps by default, as in Filament's tools.
 const MAP_RESOLUTION: usize = 256;
 /// Resolution of the last level by default. The resulting number of levels comes closest to the
-/// integral, although the roughest levels have few texels (docs/performance.md, The prefilter).
+/// integral, although the roughest levels have few texels (docs/lab/performance.md, The prefilter).
 const COARSEST: usize = 4;
 
 /// Levels of a prefiltered light and their weights.

@@ -470,7 +470,7 @@ impl Profile {
     /// The profile for objects that alpha cuts out of all pictures. Of those, `specula` weights
     /// normals more, draws those of mirrors to be smooth, and splits Gaussians that are smaller:
     /// surfaces seen from all around gain in normals and in sharpness, photographs would lose, or
-    /// have not been tried (docs/trials.md).
+    /// have not been tried (docs/lab/trials.md).
     pub fn for_objects(mut self) -> Self {
         if self.name == "specula" {
             self.weights.normal = 0.2;
@@ -536,7 +536,7 @@ impl Profile {
     }
 
     /// Profile that also learns the exposures of photographs. Learning rates of the scene then fall
-    /// from the start on in place of cooling, as they did when this was measured (docs/guide.md).
+    /// from the start on in place of cooling, as they did when this was measured (docs/lab/features.md).
     /// Materials are to be chosen before.
     pub fn exposing(mut self, iterations: u32) -> Self {
         self.exposure = Some(exposure_rate(iterations));

@@ -486,7 +486,7 @@ const COUNTING: &str = "
     };
   }";
 
-/// Figures of docs/web.md, for the page that `SPECULA_PAGE` names.
+/// Figures of docs/lab/features.md, for the page that `SPECULA_PAGE` names.
 #[test]
 #[ignore = "it measures a page, and takes a minute"]
 fn figures_of_a_page() {

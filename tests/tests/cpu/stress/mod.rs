@@ -1,4 +1,4 @@
-//! Guarantees for extreme numbers: the rows of `docs/stability.md`, each with a test or more.
+//! Guarantees for extreme numbers: the rows of `docs/lab/stability.md`, each with a test or more.
 //!
 //! Each test prints the worst value that it saw.
 
@@ -33,7 +33,7 @@ fn a_value_that_is_no_number_is_seen() {
     assert_at_most("no number", worst([0.0, f64::NAN, 1.0].into_iter()), 1e30);
 }
 
-/// Sources of the tests that `docs/stability.md` names.
+/// Sources of the tests that `docs/lab/stability.md` names.
 const SOURCES: [&str; 13] = [
     include_str!("blending.rs"),
     include_str!("naive.rs"),
@@ -52,7 +52,7 @@ const SOURCES: [&str; 13] = [
 
 #[test]
 fn every_row_of_the_table_is_there_and_names_tests_that_exist() {
-    let table = include_str!("../../../../docs/stability.md");
+    let table = include_str!("../../../../docs/lab/stability.md");
     let rows: Vec<&str> =
         table.lines().filter(|line| line.starts_with("| ") && line.matches('|').count() == 6).collect();
     for number in 1..=31 {
