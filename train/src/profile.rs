@@ -536,8 +536,8 @@ impl Profile {
     }
 
     /// Profile that also learns the exposures of photographs. Learning rates of the scene then fall
-    /// from the start on in place of cooling, as they did when this was measured (docs/lab/features.md).
-    /// Materials are to be chosen before.
+    /// from the start on in place of cooling, as they did when this was measured
+    /// (docs/lab/features.md). Materials are to be chosen before.
     pub fn exposing(mut self, iterations: u32) -> Self {
         self.exposure = Some(exposure_rate(iterations));
         if self.cool_from < 1.0 {
