@@ -22,6 +22,7 @@ mod settings;
 mod time_left;
 mod training;
 mod truth;
+mod video;
 
 pub use ranks::{Ranks, local_rank};
 

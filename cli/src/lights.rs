@@ -9,16 +9,11 @@ use crate::{
 use core::{fmt::Display, str::FromStr};
 use glam::Vec3;
 use serde::Deserialize;
-use specula_core::lamps::{Lamp, check};
-use specula_io::{
-    budget::FACTS,
-    latlong::{LatLong, MapOrientation},
-};
+use specula_core::lamps::check;
+use specula_io::budget::FACTS;
 use specula_scene::{
-    OpenedModel, RenderOptions, Scene, SceneError, Shading, Surface,
-    backdrop::Backdrop,
-    ground::Ground,
-    lamps::{SceneLamps, SphereChoice, SunChoice, shadow_surface, turned},
+    Lighting, OpenedModel, RenderOptions, SceneError, Shading, Surface,
+    lamps::{SphereChoice, SunChoice, shadow_surface},
     light_file::{LightOptions, MapUp},
     picture_folder::light_differences,
 };
@@ -30,25 +25,11 @@ use std::{
 /// Light that a scene is put under.
 #[derive(Debug)]
 pub(crate) struct LightPlan {
-    /// File of an environment map; none for darkness.
+    /// File of the environment map; `None` for darkness.
     env: Option<PathBuf>,
     options: LightOptions,
-    suns: Vec<SunChoice>,
-    spheres: Vec<SphereChoice>,
-    /// Turn of the environment and the suns, in degrees.
-    turn: f32,
-    rays: usize,
-    /// Ground that catches shadows, and its height.
-    ground: Option<Option<f32>>,
-}
-
-/// Scene's new light.
-#[derive(Debug)]
-pub(crate) struct Shone {
-    /// Environment map, if there is one.
-    pub(crate) map: Option<LatLong>,
-    /// Surface that casts shadows, if any are cast.
-    pub(crate) occluder: Option<Arc<Surface>>,
+    /// Everything but the environment map and the occluder, which [`LightPlan::shine`] finds.
+    lighting: Lighting,
 }
 
 /// Contents of a file of lights.
@@ -148,9 +129,10 @@ impl LightPlan {
         if args.ground.is_some() && suns.iter().any(|sun| sun.elevation < 0.0) {
             tracing::warn!("a sun stands below the horizon; the ground catches shadows, but casts none onto the scene");
         }
-        let plan = Self { env, options, suns, spheres, turn, rays: args.shadow_rays, ground: args.ground };
-        check(&plan.lamps(Vec3::Z, 0.0), plan.rays).map_err(|fault| Failure::Input(fault.to_string()))?;
-        Ok(plan)
+        let (map_up, rays, ground) = (options.up, args.shadow_rays, args.ground);
+        let lighting = Lighting { map_up, suns, spheres, turn, rays, ground, ..Lighting::default() };
+        check(&lighting.lamps(Vec3::Z), rays).map_err(|fault| Failure::Input(fault.to_string()))?;
+        Ok(Self { env, options, lighting })
     }
 
     /// File of the environment map, if one shines.
@@ -166,16 +148,12 @@ impl LightPlan {
     /// Parts of a folder's name, one for each change of the environment and each lamp.
     pub(crate) fn differences(&self) -> Vec<String> {
         let mut parts = light_differences(self.options);
-        parts.extend(self.suns.iter().map(|sun| format!("sun{sun}").replace(':', "-")));
-        parts.extend(self.spheres.iter().map(|sphere| format!("lamp{sphere}").replace(':', "-")));
-        parts.extend((self.turn != 0.0).then(|| format!("turn{:+}", self.turn)));
-        parts.extend(self.ground.map(|height| height.map_or("ground".to_owned(), |height| format!("ground{height}"))));
+        let Lighting { suns, spheres, turn, ground, .. } = &self.lighting;
+        parts.extend(suns.iter().map(|sun| format!("sun{sun}").replace(':', "-")));
+        parts.extend(spheres.iter().map(|sphere| format!("lamp{sphere}").replace(':', "-")));
+        parts.extend((*turn != 0.0).then(|| format!("turn{turn:+}")));
+        parts.extend(ground.map(|height| height.map_or("ground".to_owned(), |height| format!("ground{height}"))));
         parts
-    }
-
-    /// Whether there are suns or lamps.
-    fn has_lamps(&self) -> bool {
-        !self.suns.is_empty() || !self.spheres.is_empty()
     }
 
     /// Refuses view-dependent colours under lamps, which shine on materials.
@@ -184,64 +162,34 @@ impl LightPlan {
     ///
     /// A sentence that says so.
     pub(crate) fn refuse_view_dependent(&self, shading: Option<Shading>) -> Result<(), Failure> {
-        if self.has_lamps() && shading == Some(Shading::View) {
+        if self.lighting.has_lamps() && shading == Some(Shading::View) {
             return Err(Failure::Input("suns and lamps shine on physical materials; omit --shading view".into()));
         }
         Ok(())
     }
 
-    /// Lamps after a further turn in degrees, in a scene with this up direction.
-    pub(crate) fn lamps(&self, up: Vec3, further: f32) -> Vec<Lamp> {
-        let suns = self.suns.iter().map(|sun| sun.lamp(up, self.turn + further));
-        suns.chain(self.spheres.iter().map(SphereChoice::lamp)).collect()
-    }
-
-    /// Orientation of the environment map after a further turn.
-    pub(crate) fn orientation(&self, up: Vec3, further: f32) -> MapOrientation {
-        turned(self.options.up.orientation(up), up, self.turn + further)
-    }
-
-    /// Puts a model under the light.
+    /// Puts a model under the light, which is returned.
     ///
     /// # Errors
     ///
     /// A map that cannot be read; lamps on a scene without physical materials; those of rendering.
-    pub(crate) fn shine(&self, opened: &mut OpenedModel, up: Vec3, options: &RenderOptions) -> Result<Shone, Failure> {
+    pub(crate) fn shine(
+        &self,
+        opened: &mut OpenedModel,
+        up: Vec3,
+        options: &RenderOptions,
+    ) -> Result<Lighting, Failure> {
         refuse_plain(&opened.scene)?;
-        if self.has_lamps() && !opened.scene.gaussians.layout.is_physical {
+        let mut lighting = self.lighting.clone();
+        if lighting.has_lamps() && !opened.scene.gaussians.layout.is_physical {
             return Err(no_materials());
         }
-        let map = self.env.as_deref().map(|path| read_env(path, self.options.exposure)).transpose()?;
-        let mut occluder = None;
-        if self.has_lamps() || self.ground.is_some() {
-            occluder = surface_of(opened, options)?;
+        lighting.map = self.env.as_deref().map(|path| read_env(path, self.options.exposure)).transpose()?;
+        if lighting.has_lamps() || lighting.ground.is_some() {
+            lighting.occluder = surface_of(opened, options)?;
         }
-        if self.has_lamps() {
-            let lamps = self.lamps(up, 0.0);
-            opened.scene.add_lamps(SceneLamps { lamps, rays: self.rays, occluder: occluder.clone() })?;
-        }
-        self.relight(&mut opened.scene, map.as_ref(), up, 0.0);
-        Ok(Shone { map, occluder })
-    }
-
-    /// The backdrop with the ground that is asked for, which catches the shadows of `occluder`
-    /// under the light of the scene.
-    pub(crate) fn grounded(&self, backdrop: Backdrop, scene: &Scene, occluder: Option<&Surface>, up: Vec3) -> Backdrop {
-        let ground = self.ground.zip(occluder).and_then(|(height, occluder)| {
-            Ground::new(occluder, up, height, scene.light.as_ref(), scene.lamps.as_ref())
-        });
-        match ground {
-            Some(ground) => Backdrop::Ground(Box::new(backdrop), Arc::new(ground)),
-            None => backdrop,
-        }
-    }
-
-    /// Replaces the environment of a scene, after a further turn.
-    pub(crate) fn relight(&self, scene: &mut Scene, map: Option<&LatLong>, up: Vec3, further: f32) {
-        match map {
-            Some(map) => scene.relight(map, self.orientation(up, further)),
-            None => scene.darken(),
-        }
+        lighting.light(&mut opened.scene, up)?;
+        Ok(lighting)
     }
 }
 
@@ -317,8 +265,8 @@ mod tests {
         );
         let plan = plan.unwrap();
         assert_eq!(plan.env, Some(folder.path().join("sky.hdr")));
-        assert_eq!((plan.options.exposure, plan.turn, plan.suns.len(), plan.spheres.len()), (-0.5, 30.0, 3, 1));
-        assert_eq!(plan.lamps(Vec3::Z, 0.0).len(), 4);
+        assert_eq!((plan.options.exposure, plan.lighting.turn, plan.lighting.suns.len(), plan.lighting.spheres.len()), (-0.5, 30.0, 3, 1));
+        assert_eq!(plan.lighting.lamps(Vec3::Z).len(), 4);
         assert_eq!(plan.name(), "sky");
 
         let dark = Lights { env: Some(EnvChoice::None), ..lights(Some(&path), &[]) };

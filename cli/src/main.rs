@@ -3,5 +3,21 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
+    #[cfg(all(target_os = "linux", feature = "gpu"))]
+    start_without_display();
     ExitCode::from(specula::run(&specula::Ranks::alone()))
+}
+
+/// Starts the program again on machines without a display, with a folder that has none: layers of
+/// Vulkan drivers print errors where the variable is not set.
+#[cfg(all(target_os = "linux", feature = "gpu"))]
+fn start_without_display() {
+    use std::{env, os::unix::process::CommandExt, process::Command};
+    const VARIABLE: &str = "XDG_RUNTIME_DIR";
+    if env::var_os(VARIABLE).is_some() {
+        return;
+    }
+    let (Ok(program), Some(name)) = (env::current_exe(), env::args_os().next()) else { return };
+    // Returns only where it fails; the program then goes on, and the driver prints its errors.
+    let _ = Command::new(program).arg0(name).args(env::args_os().skip(1)).env(VARIABLE, "/dev/null").exec();
 }

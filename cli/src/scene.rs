@@ -134,20 +134,6 @@ pub(crate) fn refuse_transparent_layers(views: &ViewOptions, layers: &[Layer]) -
     Err(Failure::Input("--background transparent is of colours; add rgb to --layers".into()))
 }
 
-/// Refuses a video as the folder of pictures, with the command that makes it of them.
-pub(crate) fn refuse_video(folder: Option<&Path>) -> Result<(), Failure> {
-    const VIDEOS: [&str; 6] = ["mp4", "mov", "webm", "mkv", "gif", "webp"];
-    let ending = folder.and_then(output::ending).filter(|ending| VIDEOS.contains(&ending.as_str()));
-    let (Some(path), Some(_)) = (folder, ending) else { return Ok(()) };
-    let frames = path.with_extension("");
-    Err(Failure::Input(format!(
-        "pictures are written to a folder; use -o {}, then ffmpeg -framerate 15 -i {} -pix_fmt yuv420p {}",
-        shown(&frames),
-        shown(&frames.join("rgb/%05d.png")),
-        shown(path)
-    )))
-}
-
 /// Opens a model. The error for another folder names what to open instead, if it is known.
 fn open_model(path: &Path, low_pass: Option<LowPass>) -> Result<Model, Failure> {
     let mut model = model_folder::open(path).map_err(|error| match (&error, models_in(path).as_slice()) {

@@ -32,7 +32,7 @@
 //! | [`backdrop`], [`layer`], [`rendering`], [`picture_folder`] | pictures as files |
 //! | [`light_file`], [`environment`], [`prefiltered`] | lights from files, and for other programs |
 //! | [`number`], [`text`] | numbers and names as they are shown |
-//! | [`lamps`], [`ground`] | suns and lamps, and surfaces that cast and catch their shadows |
+//! | [`Lighting`], [`lamps`], [`ground`] | environment, suns and lamps, and surfaces that cast and catch their shadows |
 //! | [`export`], [`bake`], [`fusion`], [`upright`] | Gaussians and meshes for other programs |
 
 pub mod backdrop;
@@ -52,6 +52,7 @@ pub mod import;
 pub mod lamps;
 pub mod layer;
 pub mod light_file;
+mod lighting;
 pub mod number;
 mod opened;
 pub mod orbit;
@@ -71,6 +72,7 @@ pub mod upright;
 pub use device::{Device, ExecutorChoice, RenderOptions};
 pub use error::SceneError;
 pub use layer::Layer;
+pub use lighting::Lighting;
 pub use opened::OpenedModel;
 pub use overlap::overlap;
 pub use renderer::{RenderBackend, SceneRenderer, UploadedScene};

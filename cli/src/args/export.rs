@@ -30,12 +30,12 @@ use std::path::PathBuf;
 Examples:
   specula export out/chair -o chair.ply
   specula export out/chair -o chair.splat chair.spz chair.glb
-  specula export out/chair --env sunset.hdr -o sunset.ply         under another light
+  specula export out/chair --env sunset.hdr -o sunset.ply       # under another light
   specula export out/chair -o light.exr light.ktx2
-  specula export out/garden -o garden.splat --upright             photographs, upright
+  specula export out/garden -o garden.splat --upright           # photographs, upright
   specula export out/chair -o chair.obj --voxels 384
   specula export out/chair -o chair.html --page-env sunset.hdr studio.exr
-  specula export out/chair -o site/                               for a web server")]
+  specula export out/chair -o site/                             # for a web server")]
 pub(crate) struct Export {
     /// Model folder, PLY or .glb file.
     #[arg(value_name = "MODEL")]

@@ -129,7 +129,7 @@ pub(crate) enum TableFormat {
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
-  specula report                                 the demo's scene, in three minutes
+  specula report                               # the demo's scene, in three minutes
   specula report out/chair -o out/chair-report --size 200")]
 pub(crate) struct Report {
     /// Model folder, PLY or .glb file; by default the demo's scene, which is trained first unless

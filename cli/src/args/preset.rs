@@ -15,8 +15,8 @@ pub(crate) enum Preset {
     /// Tanks and Temples as published: photographs, black, full size, 30000 iterations; with
     /// --eval every 8th held out.
     TanksAndTemples,
-    /// Photographs, for a quick result: black, a quarter of the size, 5000 background points, 7000
-    /// iterations; with --eval every 8th held out.
+    /// Photographs, for a quick result: black, at most 1100 pixels along an edge, 5000 background
+    /// points, 7000 iterations; with --eval every 8th held out.
     Photos,
 }
 
@@ -39,7 +39,7 @@ impl Preset {
             Self::Photos => &[
                 ("profile", "specula"),
                 ("iterations", "7000"),
-                ("resolution", "4"),
+                ("resolution", "auto"),
                 ("background", "black"),
                 ("test-every", "8"),
                 ("background-points", "5000"),

@@ -19,6 +19,10 @@ use std::{
 
 /// Resolution of `-r -1`, INRIA's default: full size, but at most 1600 pixels wide.
 pub(crate) const AT_MOST_1600: u32 = 0;
+/// Resolution of `-r auto`: the smallest factor with at most [`LONGER_EDGE`] pixels along an edge.
+pub(crate) const AT_MOST_1100: u32 = u32::MAX;
+/// Pixels along the longer edge of `-r auto`: a quarter of what phones take.
+pub(crate) const LONGER_EDGE: u32 = 1100;
 
 /// Train Gaussians and an environment light on pictures with known cameras.
 ///
@@ -43,17 +47,17 @@ Presets:
                       white background, full size, 30000 iterations
   tanks-and-temples   photographs: black background, full size, 30000 iterations;
                       with --eval every 8th held out
-  photos              photographs, quick: black background, -r 4, 5000 background points,
+  photos              photographs, quick: black background, -r auto, 5000 background points,
                       7000 iterations; with --eval every 8th held out
 Examples:
   specula train data/chair -m out/chair --eval -r 2 --iterations 7k
-  specula train data/garden -m out/garden --eval -r 4       photographs with COLMAP cameras
+  specula train data/garden -m out/garden --eval -r 4     # photographs with COLMAP cameras
   specula train data/toaster -m out/ablation --eval --profile paper --no-residual
-  specula train -m out/chair --resume                       continue after Ctrl-C or a crash
-  specula train -m out/chair --resume --iterations 60k      train longer
+  specula train -m out/chair --resume                     # continue after Ctrl-C or a crash
+  specula train -m out/chair --resume --iterations 60k    # train longer
   specula train data/drums -m out/drums --config out/chair/config.toml
   specula train data/chair -m out/chair --views-per-step 4 --iterations 7500
-  specula train --manifest scenes.toml                      many scenes, one after another")]
+  specula train --manifest scenes.toml                    # many scenes, one after another")]
 pub(crate) struct Train {
     /// Data set folder.
     #[arg(value_name = "DATASET", required_unless_present_any = ["source_path", "resume", "config", "manifest"])]
@@ -96,8 +100,9 @@ pub(crate) struct Train {
     #[arg(long, value_name = "GIB", value_parser = gibibytes)]
     #[serde(skip)]
     pub(crate) picture_memory: Option<f64>,
-    /// Downscale the pictures by this factor.
-    #[arg(long, short, value_name = "1|2|4|8", default_value = "1", value_parser = downscale_or_rule, allow_negative_numbers = true)]
+    /// Downscale the pictures by this factor; auto: until the longer edge has at most 1100 pixels.
+    #[arg(long, short, value_name = "1|2|4|8|auto", default_value = "1", value_parser = downscale_or_rule, allow_negative_numbers = true)]
+    #[serde(serialize_with = "as_option_of_resolution")]
     pub(crate) resolution: u32,
     /// Hold out the test views, measure them at the end, and write results.json.
     #[arg(long)]
@@ -538,8 +543,21 @@ pub(super) fn few(number: u32) -> Result<u32, String> {
     if number <= MOST { Ok(number) } else { Err(format!("use {MOST} points at most")) }
 }
 
-/// Downscaling of a training: a factor, or -1 for [`AT_MOST_1600`], resolved once a picture is
-/// read.
+/// Serialises a downscaling as on the command line.
+fn as_option_of_resolution<S: Serializer>(factor: &u32, serializer: S) -> Result<S::Ok, S::Error> {
+    match *factor {
+        AT_MOST_1600 => serializer.serialize_i32(-1),
+        AT_MOST_1100 => serializer.serialize_str("auto"),
+        factor => serializer.serialize_u32(factor),
+    }
+}
+
+/// Downscaling of a training: a factor, -1 for [`AT_MOST_1600`] or auto for [`AT_MOST_1100`], which
+/// become factors once a picture is read.
 pub(super) fn downscale_or_rule(text: &str) -> Result<u32, String> {
-    if text == "-1" { Ok(AT_MOST_1600) } else { downscale(text) }
+    match text {
+        "-1" => Ok(AT_MOST_1600),
+        "auto" => Ok(AT_MOST_1100),
+        _ => downscale(text).map_err(|error| format!("{error}, or auto")),
+    }
 }

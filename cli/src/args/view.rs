@@ -32,9 +32,9 @@ Examples:
   specula view out/chair
   specula view out/spheres --env sunset.hdr forest.hdr
   specula view scene.ply --background white
-  specula view out/chair --sun 30,45 --lamp 1,0,2,5 materials (--relightable) under a sun and a lamp
-  specula view out/chair --listen 0.0.0.0:7008      from a phone in the same network
-  specula train data/chair -m out/chair --view      a scene during its training")]
+  specula view out/spheres --sun 30,45 --lamp 1,0,2,5   # materials under a sun and a lamp
+  specula view out/chair --listen 0.0.0.0:7008    # from a phone in the same network
+  specula train data/chair -m out/chair --view    # a scene during its training")]
 pub(crate) struct View {
     /// Model folder, PLY or .glb file.
     #[arg(value_name = "SCENE")]

@@ -4,26 +4,24 @@ use crate::{
     args::{ProfileName, Relight, ViewOptions},
     dataset::note_guessed_up,
     failure::Failure,
-    lights::{LightPlan, Shone},
+    lights::LightPlan,
     output, progress,
     scene::{
         self, backdrop_of, layers_of, refuse_options_without_light, refuse_transparent_layers, render_pictures, shade,
     },
+    video::{self, Video},
 };
 use glam::Vec3;
-use specula_io::{
-    latlong::LatLong,
-    picture::{self, DynamicImage},
-};
+use specula_io::picture::{self, DynamicImage};
 use specula_report::relighting::{GroundTruth, RelightingQuality};
 use specula_scene::{
-    Layer, OpenedModel, RenderOptions, SceneRenderer, Surface,
+    Layer, Lighting, OpenedModel, RenderOptions, SceneRenderer,
+    backdrop::Backdrop,
     camera_set::CameraSet,
     light_file::write_light_preview,
     orientation,
     picture_folder::{PictureFolder, differences},
     rendering::{FRAME_MS, PictureJob},
-    text::shown,
 };
 
 /// Renders the scene under the new light.
@@ -38,7 +36,8 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
         return Err(Failure::Input("--turn-light shows colours alone; use it without --layers and --exr".into()));
     }
     refuse_transparent_layers(&args.views, &args.layers)?;
-    scene::refuse_video(args.output.as_deref())?;
+    let video = Video::requested(args.output.as_deref(), &args.views, &args.layers)?;
+    let output = video.as_ref().map(Video::pictures).or(args.output.as_deref());
     let ViewOptions { background, scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
     let plan = LightPlan::new(&args.lights, (&args.env_options).into())?;
@@ -53,14 +52,14 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     let options = RenderOptions::from(&scene_options.renderer);
     let shading = args.views.shading.shading();
     plan.refuse_view_dependent(shading)?;
-    let Shone { map, occluder } = plan.shine(&mut opened, up, &options)?;
+    let lighting = plan.shine(&mut opened, up, &options)?;
     shade(&mut opened.scene, shading)?;
     note_guessed_up(&orientation);
     let mut parts = differences(&opened, &options, *background, scene_options.profile.map(ProfileName::name));
     parts.extend(shading.map(|shading| shading.name().to_owned()));
     parts.extend(plan.differences());
     let group = format!("relight/{}", plan.name());
-    let folder = PictureFolder::of(&opened, args.output.as_deref(), &group, &set, &parts)?;
+    let folder = PictureFolder::of(&opened, output, &group, &set, &parts)?;
     output::make_folder(&folder.path)?;
     folder.claim(&set, &Layer::EACH, true)?;
     if let Some(light) = &opened.scene.light {
@@ -68,12 +67,10 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     }
 
     if args.lights.turn_light.is_some() {
-        let turning = TurningLight { plan: &plan, map: map.as_ref(), occluder: occluder.as_deref(), up, args };
-        turning.render(opened, &set, &options, &folder)?;
-        return output::say(&shown(&folder.path));
+        render_turning(args, opened, lighting, &set, &options, &folder)?;
+        return video::finish(video.as_ref(), &folder);
     }
-    let backdrop = backdrop_of(&args.views, &set, &opened, map.zip(Some(plan.orientation(up, 0.0))))?;
-    let backdrop = plan.grounded(backdrop, &opened.scene, occluder.as_deref(), up);
+    let backdrop = backdrop_under(&args.views, &set, &opened, &lighting, up)?;
     let layers = layers_of(&args.layers, &opened.scene)?;
     let job = PictureJob {
         cameras: &set,
@@ -89,8 +86,11 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
         pairs.extend(truths.as_ref().and_then(|truths| truths.pair(index, image)));
         Ok(())
     })?;
+    if truths.is_none() || video.is_some() {
+        video::finish(video.as_ref(), &folder)?;
+    }
     if truths.is_none() {
-        return output::say(&shown(&folder.path));
+        return Ok(());
     }
     let measured = RelightingQuality::of(&pairs, backdrop.color().0);
     if args.json {
@@ -106,51 +106,44 @@ fn of_one_camera(set: CameraSet, count: u32) -> CameraSet {
     CameraSet { name: "turn-light", cameras, split: None, is_turntable: true, ..set }
 }
 
-/// Light that turns about the scene's up direction from picture to picture.
-struct TurningLight<'a> {
-    plan: &'a LightPlan,
-    map: Option<&'a LatLong>,
-    occluder: Option<&'a Surface>,
+/// Background of pictures under a light.
+fn backdrop_under(
+    options: &ViewOptions,
+    set: &CameraSet,
+    opened: &OpenedModel,
+    lighting: &Lighting,
     up: Vec3,
-    args: &'a Relight,
+) -> Result<Backdrop, Failure> {
+    let map = lighting.map.clone().map(|map| (map, lighting.map_orientation(up)));
+    Ok(lighting.grounded(backdrop_of(options, set, opened, map)?, &opened.scene, up))
 }
 
-impl TurningLight<'_> {
-    /// Renders one picture after the other, and an animation.
-    fn render(
-        &self,
-        mut opened: OpenedModel,
-        set: &CameraSet,
-        options: &RenderOptions,
-        folder: &PictureFolder,
-    ) -> Result<(), Failure> {
-        let Self { plan, map, occluder, up, args } = *self;
-        let mut renderer = SceneRenderer::new(opened.scene.clone(), Layer::channels(&[Layer::Rgb]), options)?;
-        let rules = *renderer.rules();
-        let work = progress::work("rendering", set.cameras.len() as u64);
-        let mut frames: Vec<DynamicImage> = Vec::with_capacity(set.cameras.len());
-        for (index, (_, camera)) in set.cameras.iter().enumerate() {
-            let further = 360.0 * index as f32 / set.cameras.len() as f32;
-            if let Some(lamps) = &mut opened.scene.lamps {
-                lamps.lamps = plan.lamps(up, further);
-                renderer.set_lamps(&lamps.lamps)?;
-            }
-            plan.relight(&mut opened.scene, map, up, further);
-            // The light that reaches materials past other surfaces is that of the light.
-            options.storage.round(&mut opened.scene.gaussians);
-            renderer.set_surface(&opened.scene.gaussians, opened.scene.near_field())?;
-            if let Some(light) = opened.scene.light_for(&rules) {
-                renderer.set_light(SceneRenderer::SCENE_LIGHT, &light, &rules)?;
-            }
-            let behind = map.cloned().zip(Some(plan.orientation(up, further)));
-            let backdrop = backdrop_of(&args.views, set, &opened, behind)?;
-            let backdrop = plan.grounded(backdrop, &opened.scene, occluder, up);
-            let frame = backdrop.picture(&renderer.render(camera)?, camera);
-            picture::write(&folder.picture(Layer::Rgb, index), &frame)?;
-            frames.push(frame);
-            work.done(index as u64 + 1, String::new);
+/// Renders one picture after the other under a light that turns about the scene's up direction, and
+/// an animation.
+fn render_turning(
+    args: &Relight,
+    mut opened: OpenedModel,
+    mut lighting: Lighting,
+    set: &CameraSet,
+    options: &RenderOptions,
+    folder: &PictureFolder,
+) -> Result<(), Failure> {
+    let up = orientation::up(&opened.orientation(args.views.scene_options.scene_up.map(Into::into))?);
+    let mut renderer = SceneRenderer::new(opened.scene.clone(), Layer::channels(&[Layer::Rgb]), options)?;
+    let work = progress::work("rendering", set.cameras.len() as u64);
+    let mut frames: Vec<DynamicImage> = Vec::with_capacity(set.cameras.len());
+    let start = lighting.turn;
+    for (index, (_, camera)) in set.cameras.iter().enumerate() {
+        if index > 0 {
+            lighting.turn = start + 360.0 * index as f32 / set.cameras.len() as f32;
+            lighting.update(&mut opened.scene, &mut renderer, up, options)?;
         }
-        work.finish();
-        Ok(picture::write_animation(&folder.animation(), &frames, FRAME_MS)?)
+        let backdrop = backdrop_under(&args.views, set, &opened, &lighting, up)?;
+        let frame = backdrop.picture(&renderer.render(camera)?, camera);
+        picture::write(&folder.picture(Layer::Rgb, index), &frame)?;
+        frames.push(frame);
+        work.done(index as u64 + 1, String::new);
     }
+    work.finish();
+    Ok(picture::write_animation(&folder.animation(), &frames, FRAME_MS)?)
 }

@@ -10,6 +10,7 @@ use crate::{
         self, backdrop_of, layers_of, note_missing_light, note_oddities, refuse_options_without_light,
         refuse_transparent_layers, relight, render_pictures, shade,
     },
+    video::{self, Video},
 };
 use specula_core::shade::ShadingForm;
 use specula_io::model_folder::ModelInfo;
@@ -23,7 +24,6 @@ use specula_scene::{
     orientation,
     picture_folder::{PictureFolder, differences, light_differences},
     rendering::{OmissionCheck, PictureJob},
-    text::shown,
 };
 use specula_train::view::View;
 use std::path::Path;
@@ -31,7 +31,8 @@ use std::path::Path;
 /// Renders the requested pictures.
 pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     refuse_contradictions(args)?;
-    scene::refuse_video(args.output.as_deref())?;
+    let video = Video::requested(args.output.as_deref(), &args.views, &args.layers)?;
+    let output = video.as_ref().map(Video::pictures).or(args.output.as_deref());
     let ViewOptions { scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
     let set = CameraSet::choose(&(&args.views).into(), &opened)?;
@@ -50,7 +51,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     let layers = layers_of(&args.layers, &opened.scene)?;
     let options = RenderOptions::from(&scene_options.renderer);
     let parts = parts_of(args, &opened, &options);
-    let folder = PictureFolder::of(&opened, args.output.as_deref(), set.name, &set, &parts)?;
+    let folder = PictureFolder::of(&opened, output, set.name, &set, &parts)?;
     output::make_folder(&folder.path)?;
     folder.claim(&set, &layers, args.env.is_some())?;
     if let Some(light) = opened.scene.light.as_ref().filter(|_| layers.contains(&Layer::Light)) {
@@ -73,7 +74,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
         false => None,
     };
     if let Some(error) = args.max_error {
-        return render_within(error, args, &opened, &job);
+        return render_within(error, args, &opened, &job, video.as_ref());
     }
     let form = opened.scene.shading_model.shading.form;
     let mut renderer = SceneRenderer::new(opened.scene, channels, &options)?;
@@ -81,7 +82,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
         Some(check) => Ok(check.compare(&set.cameras[index].1, image)?),
         None => Ok(()),
     })?;
-    output::say(&shown(&folder.path))?;
+    video::finish(video.as_ref(), &folder)?;
     check.map_or(Ok(()), |check| {
         output::say(&format!("largest difference: {}", check.largest()))?;
         refuse_omissions(&check)
@@ -116,7 +117,13 @@ fn parts_of(args: &Render, opened: &OpenedModel, options: &RenderOptions) -> Vec
 }
 
 /// Renders the requested pictures within an error.
-fn render_within(error: f64, args: &Render, opened: &OpenedModel, job: &PictureJob<'_>) -> Result<(), Failure> {
+fn render_within(
+    error: f64,
+    args: &Render,
+    opened: &OpenedModel,
+    job: &PictureJob<'_>,
+    video: Option<&Video>,
+) -> Result<(), Failure> {
     if let ExecutorChoice::Gpu(_) = args.views.scene_options.renderer.executor {
         return Err(Failure::Input("errors are kept by the processor; use --max-error with --executor cpu".into()));
     }
@@ -134,7 +141,7 @@ fn render_within(error: f64, args: &Render, opened: &OpenedModel, job: &PictureJ
     let certified = CertifiedScene::new(&opened.scene, cameras, background, order, error, !args.no_verify)?;
     let mut renderer = certified.renderer(&opened.scene, Layer::channels(job.layers));
     render_pictures(job, &mut renderer, opened.scene.shading_model.shading.form, |_, _| Ok(()))?;
-    output::say(&shown(&job.folder.path))?;
+    video::finish(video, job.folder)?;
     output::say(certified.certificate())?;
     output::say(&certified::report(&certified))
 }

@@ -5,7 +5,7 @@ pub(crate) mod many;
 mod result;
 
 use crate::{
-    args::{AT_MOST_1600, LightReference, Photographs, ProfileName, Train},
+    args::{AT_MOST_1100, AT_MOST_1600, LONGER_EDGE, LightReference, Photographs, ProfileName, Train},
     commands::view::{self, Watching},
     config, dataset,
     failure::Failure,
@@ -281,17 +281,25 @@ fn warn_of_ignored(args: &Train) {
     }
 }
 
-/// Replaces `-r -1` by the factor that comes closest to it.
+/// Replaces `-r -1` and `-r auto` by a factor.
 fn with_resolution(args: &Train) -> Result<Train, Failure> {
     const WIDEST: u32 = 1600;
     let mut settled = args.clone();
-    if args.resolution == AT_MOST_1600 {
+    if [AT_MOST_1600, AT_MOST_1100].contains(&args.resolution) {
         settled.resolution = 1;
         let first = io::dataset::load_one(source_of(args)?, &options_of(&settled), false, 0)?;
-        let width = first.map_or(0, |view| view.image.width);
-        if width > WIDEST {
-            settled.resolution = [2, 4, 8].into_iter().find(|factor| width / factor <= WIDEST).unwrap_or(8);
-            let (factor, width_here) = (settled.resolution, width / settled.resolution);
+        let [width, height] = first.map_or([0; 2], |view| [view.image.width, view.image.height]);
+        let factor_for =
+            |edge: u32, most: u32| [1, 2, 4, 8].into_iter().find(|factor| edge / factor <= most).unwrap_or(8);
+        if args.resolution == AT_MOST_1600 {
+            settled.resolution = factor_for(width, WIDEST);
+        } else {
+            settled.resolution = factor_for(width.max(height), LONGER_EDGE);
+        }
+        let (factor, width_here) = (settled.resolution, width / settled.resolution);
+        if args.resolution == AT_MOST_1100 {
+            tracing::info!("-r auto is -r {factor} for pictures of {width} × {height} pixels");
+        } else if factor > 1 {
             tracing::info!(
                 "-r -1 is -r {factor} for pictures that are {width} pixels wide, which makes them {width_here} wide; the \
                  authors' programs make them {WIDEST}"

@@ -21,7 +21,7 @@ fn printed(command: &mut assert_cmd::Command) -> String {
 
 /// Nine photographs of a ball on a wall, taken through a lens with distortion, as COLMAP leaves
 /// them.
-fn write_photographs(folder: &Path) {
+pub(crate) fn write_photographs(folder: &Path) {
     let sparse = folder.join("sparse/0");
     fs::create_dir_all(&sparse).unwrap();
     fs::create_dir_all(folder.join("images")).unwrap();

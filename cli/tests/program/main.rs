@@ -8,6 +8,8 @@ mod compare;
 mod elsewhere;
 mod end_to_end;
 mod eval;
+#[cfg(unix)]
+mod examples;
 mod export;
 mod glossy;
 mod known_light;

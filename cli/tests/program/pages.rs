@@ -7,7 +7,7 @@ use std::{env, fs, path::PathBuf};
 /// Environment variable that writes the pages instead of comparing them.
 const WRITES: &str = "SPECULA_WRITE_PAGES";
 
-fn help(words: &[&str]) -> String {
+pub(crate) fn help(words: &[&str]) -> String {
     let mut specula = Command::cargo_bin("specula").unwrap();
     // Lines are as long as where nobody is at a terminal.
     let output = specula.args(words).arg("--help").env_remove("COLUMNS").output().unwrap();
@@ -16,7 +16,7 @@ fn help(words: &[&str]) -> String {
 }
 
 /// Names and first words of all commands, as the program lists them.
-fn commands() -> Vec<(String, String)> {
+pub(crate) fn commands() -> Vec<(String, String)> {
     let help = help(&[]);
     let listed = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
     let mut commands: Vec<(String, String)> = Vec::new();

@@ -1,0 +1,121 @@
+//! Videos of pictures, which ffmpeg encodes.
+
+use crate::{args::ViewOptions, failure::Failure, output};
+use specula_scene::{Layer, backdrop::BackgroundChoice, picture_folder::PictureFolder, rendering::FRAME_MS, text::shown};
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+use tempfile::TempDir;
+
+/// Endings of videos.
+const ENDINGS: [&str; 6] = ["mp4", "mov", "mkv", "webm", "webp", "gif"];
+/// Filter for codecs with half the resolution in colour, which need even sizes.
+const EVEN: [&str; 4] = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p"];
+/// A GIF has 256 colours: those of all its pictures.
+const PALETTE: [&str; 2] = ["-vf", "split[a][b];[a]palettegen[p];[b][p]paletteuse"];
+const WEBP: [&str; 6] = ["-c:v", "libwebp_anim", "-quality", "85", "-loop", "0"];
+
+/// Video that -o names, and the folder of its pictures until it is encoded.
+#[derive(Debug)]
+pub(crate) struct Video {
+    path: PathBuf,
+    pictures: TempDir,
+}
+
+impl Video {
+    /// Video that `requested` names; `None` for a folder of pictures.
+    ///
+    /// # Errors
+    ///
+    /// Layers, numbers or transparency, which videos lack; a machine without ffmpeg; a folder that
+    /// cannot be written to.
+    pub(crate) fn requested(
+        requested: Option<&Path>,
+        views: &ViewOptions,
+        layers: &[Layer],
+    ) -> Result<Option<Self>, Failure> {
+        let Some(path) = requested else { return Ok(None) };
+        let Some(ending) = output::ending(path).filter(|ending| ENDINGS.contains(&ending.as_str())) else {
+            return Ok(None);
+        };
+        if layers != [Layer::Rgb] || views.exr {
+            return Err(Failure::Input(format!(
+                "{path:?} is a video, which shows colours; use it with --layers rgb and without --exr"
+            )));
+        }
+        if views.background == Some(BackgroundChoice::Transparent) && ending != "webp" {
+            return Err(Failure::Input(format!(
+                "{path:?} is a video, which has a background; use .webp for --background transparent"
+            )));
+        }
+        if path.is_dir() {
+            return Err(Failure::Input(format!("{path:?} is a folder; name another video with -o")));
+        }
+        if !has_ffmpeg() {
+            let frames = path.with_extension("");
+            return Err(Failure::Input(format!(
+                "videos are written by ffmpeg, which is not installed; use -o {} for pictures, which ffmpeg -framerate \
+                 1000/{FRAME_MS} -i {} -pix_fmt yuv420p {} encodes",
+                shown(&frames),
+                shown(&frames.join("rgb/%05d.png")),
+                shown(path)
+            )));
+        }
+        let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        output::make_folder(parent)?;
+        let pictures = tempfile::Builder::new().prefix(".specula-").tempdir_in(parent);
+        let pictures = pictures.map_err(|source| failure(parent, source))?;
+        Ok(Some(Self { path: path.to_owned(), pictures }))
+    }
+
+    /// Folder of the pictures.
+    pub(crate) fn pictures(&self) -> &Path {
+        self.pictures.path()
+    }
+
+    /// Encodes the pictures.
+    fn encode(&self, folder: &PictureFolder) -> Result<(), Failure> {
+        let ending = output::ending(&self.path).unwrap_or_default();
+        let options = match ending.as_str() {
+            "webp" => &WEBP[..],
+            "gif" => &PALETTE,
+            _ => &EVEN,
+        };
+        let encoded = folder.path.join("video").with_extension(&ending);
+        let mut ffmpeg = Command::new("ffmpeg");
+        ffmpeg.args(["-y", "-loglevel", "error", "-framerate", &format!("1000/{FRAME_MS}"), "-i"]);
+        ffmpeg.arg(folder.path.join("rgb/%05d.png")).args(options).arg(&encoded).stdin(Stdio::null());
+        let done = ffmpeg.output().map_err(|source| failure(&self.path, source))?;
+        if !done.status.success() {
+            let said = String::from_utf8_lossy(&done.stderr).trim().replace('\n', "; ");
+            return Err(Failure::Input(format!(
+                "ffmpeg did not write {:?}: {said}; use a folder for the pictures, or another ending",
+                self.path
+            )));
+        }
+        fs::rename(&encoded, &self.path).map_err(|source| failure(&self.path, source))
+    }
+}
+
+/// Encodes the video of the pictures, if one is requested, and prints what was written.
+///
+/// # Errors
+///
+/// ffmpeg's.
+pub(crate) fn finish(video: Option<&Video>, folder: &PictureFolder) -> Result<(), Failure> {
+    let Some(video) = video else { return output::say(&shown(&folder.path)) };
+    video.encode(folder)?;
+    output::say(&shown(&video.path))
+}
+
+fn has_ffmpeg() -> bool {
+    let mut ffmpeg = Command::new("ffmpeg");
+    ffmpeg.arg("-version").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    ffmpeg.status().is_ok_and(|status| status.success())
+}
+
+fn failure(path: &Path, source: io::Error) -> Failure {
+    specula_io::Error::Write { path: path.to_owned(), source }.into()
+}

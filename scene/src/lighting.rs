@@ -1,0 +1,122 @@
+//! Lighting of a scene: an environment map, suns and lamps, which turn about the up direction, and
+//! ground that catches shadows.
+
+use crate::{
+    RenderOptions, Scene, SceneError, SceneRenderer, Surface,
+    backdrop::Backdrop,
+    ground::Ground,
+    lamps::{SceneLamps, SphereChoice, SunChoice, turned},
+    light_file::MapUp,
+};
+use glam::Vec3;
+use specula_core::lamps::{Lamp, RAYS};
+use specula_io::latlong::{LatLong, MapOrientation};
+use std::sync::Arc;
+
+/// Light that replaces the light of a scene.
+#[derive(Clone, Debug)]
+pub struct Lighting {
+    /// Environment map of radiance; `None` for darkness.
+    pub map: Option<LatLong>,
+    /// Direction of the scene that the upper edge of the map shows.
+    pub map_up: MapUp,
+    /// Suns.
+    pub suns: Vec<SunChoice>,
+    /// Spherical lamps, which do not turn.
+    pub spheres: Vec<SphereChoice>,
+    /// Turn of map and suns about the up direction in degrees, counterclockwise seen from above.
+    pub turn: f32,
+    /// Shadow rays of each lamp and pixel.
+    pub rays: usize,
+    /// Ground that catches shadows, and its height if it is not that of the scene's lowest point.
+    pub ground: Option<Option<f32>>,
+    /// Surface that casts shadows; `None` for none.
+    pub occluder: Option<Arc<Surface>>,
+}
+
+impl Default for Lighting {
+    fn default() -> Self {
+        Self {
+            map: None,
+            map_up: MapUp::Scene,
+            suns: Vec::new(),
+            spheres: Vec::new(),
+            turn: 0.0,
+            rays: RAYS,
+            ground: None,
+            occluder: None,
+        }
+    }
+}
+
+impl Lighting {
+    /// Whether there are suns or lamps.
+    pub fn has_lamps(&self) -> bool {
+        !self.suns.is_empty() || !self.spheres.is_empty()
+    }
+
+    /// Suns and lamps in a scene with this up direction.
+    pub fn lamps(&self, up: Vec3) -> Vec<Lamp> {
+        let suns = self.suns.iter().map(|sun| sun.lamp(up, self.turn));
+        suns.chain(self.spheres.iter().map(SphereChoice::lamp)).collect()
+    }
+
+    /// Orientation of the map in a scene with this up direction.
+    pub fn map_orientation(&self, up: Vec3) -> MapOrientation {
+        turned(self.map_up.orientation(up), up, self.turn)
+    }
+
+    /// Puts a scene with this up direction under the light.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::NoMaterials`] for lamps in a scene without physical materials.
+    pub fn light(&self, scene: &mut Scene, up: Vec3) -> Result<(), SceneError> {
+        if self.has_lamps() {
+            let occluder = self.occluder.clone();
+            scene.add_lamps(SceneLamps { lamps: self.lamps(up), rays: self.rays, occluder })?;
+        }
+        match &self.map {
+            Some(map) => scene.relight(map, self.map_orientation(up)),
+            None => scene.darken(),
+        }
+        Ok(())
+    }
+
+    /// Puts a scene under the light after its renderer was made, for instance after a further turn.
+    /// Environment, lamps and [`Lighting::turn`] may have changed since, but not whether there are
+    /// lamps.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Lighting::light`] and of the renderer.
+    pub fn update(
+        &self,
+        scene: &mut Scene,
+        renderer: &mut SceneRenderer,
+        up: Vec3,
+        options: &RenderOptions,
+    ) -> Result<(), SceneError> {
+        self.light(scene, up)?;
+        if let Some(lamps) = &scene.lamps {
+            renderer.set_lamps(&lamps.lamps)?;
+        }
+        // Light that reaches materials past other surfaces depends on the environment.
+        options.storage.round(&mut scene.gaussians);
+        renderer.set_surface(&scene.gaussians, scene.near_field())?;
+        let rules = *renderer.rules();
+        scene.light_for(&rules).map_or(Ok(()), |light| renderer.set_light(SceneRenderer::SCENE_LIGHT, &light, &rules))
+    }
+
+    /// The backdrop with the ground, which catches the shadows of the occluder under the light of
+    /// `scene`; without ground or occluder, the backdrop itself.
+    pub fn grounded(&self, backdrop: Backdrop, scene: &Scene, up: Vec3) -> Backdrop {
+        let ground = self.ground.zip(self.occluder.as_deref()).and_then(|(height, occluder)| {
+            Ground::new(occluder, up, height, scene.light.as_ref(), scene.lamps.as_ref())
+        });
+        match ground {
+            Some(ground) => Backdrop::Ground(Box::new(backdrop), Arc::new(ground)),
+            None => backdrop,
+        }
+    }
+}
