@@ -31,8 +31,8 @@ pub(crate) use scene::{ProfileName, Up};
 use specula_scene::ExecutorChoice;
 use std::ffi::OsString;
 pub(crate) use train::{
-    AT_MOST_1100, AT_MOST_1600, Densify, LONGER_EDGE, LightKind, LightPer, Losses, Photographs, Reflections, ResumeOptions, Start, Train,
-    ViewUntil, WhitePixels,
+    AT_MOST_1100, AT_MOST_1600, Densify, LONGER_EDGE, LightKind, LightPer, Losses, Photographs, Reflections,
+    ResumeOptions, Start, Train, ViewUntil, WhitePixels,
 };
 pub(crate) use view::View;
 

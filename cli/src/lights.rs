@@ -265,7 +265,10 @@ mod tests {
         );
         let plan = plan.unwrap();
         assert_eq!(plan.env, Some(folder.path().join("sky.hdr")));
-        assert_eq!((plan.options.exposure, plan.lighting.turn, plan.lighting.suns.len(), plan.lighting.spheres.len()), (-0.5, 30.0, 3, 1));
+        assert_eq!(
+            (plan.options.exposure, plan.lighting.turn, plan.lighting.suns.len(), plan.lighting.spheres.len()),
+            (-0.5, 30.0, 3, 1)
+        );
         assert_eq!(plan.lighting.lamps(Vec3::Z).len(), 4);
         assert_eq!(plan.name(), "sky");
 

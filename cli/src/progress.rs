@@ -152,6 +152,11 @@ impl Work {
         Self { bar, start: Instant::now(), ..self }
     }
 
+    /// Replaces the plan of the steps that are left.
+    pub(crate) fn replan(&self, plan: Plan) {
+        locked(&self.left).replan(plan);
+    }
+
     /// Sets the number of steps.
     pub(crate) fn set_steps(&self, steps: u64) {
         self.bar.set_length(steps);

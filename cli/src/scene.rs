@@ -3,7 +3,7 @@
 use crate::{
     args::{ProfileName, ViewOptions},
     failure::Failure,
-    output, progress,
+    progress,
 };
 use glam::Vec3;
 use specula_core::{antialias::LowPass, scene::Image, shade::ShadingForm};

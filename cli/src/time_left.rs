@@ -11,6 +11,8 @@ pub(crate) struct Plan {
     pub(crate) costs: Vec<f64>,
     /// Steps that include a pause of unknown length, in ascending order.
     pub(crate) pauses: Vec<u64>,
+    /// Expected cost of a pause, until one is over.
+    pub(crate) pause_cost: f64,
 }
 
 /// Estimate that learns from the steps done.
@@ -50,6 +52,11 @@ impl TimeLeft {
         Self { plan, done, ..Self::default() }
     }
 
+    /// Replaces the expected costs of the steps that are left.
+    pub(crate) fn replan(&mut self, plan: Plan) {
+        self.plan = plan;
+    }
+
     /// Learns that `done` steps are done `seconds` after the start.
     pub(crate) fn advance(&mut self, done: u64, seconds: f64) {
         if done <= self.done {
@@ -68,8 +75,9 @@ impl TimeLeft {
 
     /// Seconds left of `all` steps; none before the first is done.
     pub(crate) fn seconds(&self, all: u64) -> Option<f64> {
-        let steps = self.steps.mean()? * self.cost(self.done, all);
-        Some(steps + self.pauses.mean().unwrap_or(0.0) * self.pauses_between(self.done, all))
+        let rate = self.steps.mean()?;
+        let pause = self.pauses.mean().unwrap_or(rate * self.plan.pause_cost);
+        Some(rate * self.cost(self.done, all) + pause * self.pauses_between(self.done, all))
     }
 
     fn cost(&self, from: u64, to: u64) -> f64 {
@@ -121,7 +129,7 @@ mod tests {
         let pauses = [100, 300, 500, 700, 900];
         let even = |_| 0.025;
         for at in [101, 150, 300, 301, 600, 899] {
-            let planned = Plan { costs: Vec::new(), pauses: pauses.into() };
+            let planned = Plan { pauses: pauses.into(), ..Plan::default() };
             assert!((ratio(planned, even, &pauses, at) - 1.0).abs() < 1e-9, "{at}");
         }
         assert!(ratio(Plan::default(), even, &pauses, 101) > 1.5, "unplanned, a pause is spread over all steps");
@@ -134,9 +142,25 @@ mod tests {
             *sum += if step == 0 { 0.0 } else { cost(step) * 7.0 };
             Some(*sum)
         });
-        let planned = Plan { costs: costs.collect(), pauses: Vec::new() };
+        let planned = Plan { costs: costs.collect(), ..Plan::default() };
         assert!((ratio(planned, cost, &[], 100) - 1.0).abs() < 1e-9);
         assert!(ratio(Plan::default(), cost, &[], 100) < 0.5);
+    }
+
+    #[test]
+    fn a_pause_to_come_is_expected_and_then_measured() {
+        let plan = |factor: f64| Plan {
+            costs: (0..=10).map(|step| factor * f64::from(step)).collect(),
+            pauses: vec![5, 8],
+            pause_cost: 3.0,
+        };
+        let mut left = TimeLeft::new(plan(1.0), 0);
+        left.advance(4, 8.0);
+        assert_eq!(left.seconds(10), Some(2.0 * 6.0 + 2.0 * 6.0), "2 s for each unit of cost");
+        left.advance(5, 20.0);
+        assert_eq!(left.seconds(10), Some(2.0 * 5.0 + 10.0), "the pause took 10 s");
+        left.replan(plan(2.0));
+        assert_eq!(left.seconds(10), Some(4.0 * 5.0 + 10.0), "steps to come cost twice as much");
     }
 
     #[test]

@@ -34,6 +34,7 @@ pub(crate) struct Session<'a> {
     live: Option<Arc<LiveTraining>>,
     /// Progress of the run.
     work: Option<Work>,
+    expectation: Option<Expectation>,
 }
 
 impl fmt::Debug for Session<'_> {
@@ -45,7 +46,16 @@ impl fmt::Debug for Session<'_> {
 impl<'a> Session<'a> {
     /// Session without pauses, of a training that starts from these pictures and points.
     pub(crate) fn new(pictures: &'a dyn PictureSource, points: &'a [Point]) -> Self {
-        Self { pictures, points, pixels: 0, prefix: String::new(), pause: None, live: None, work: None }
+        Self {
+            pictures,
+            points,
+            pixels: 0,
+            prefix: String::new(),
+            pause: None,
+            live: None,
+            work: None,
+            expectation: None,
+        }
     }
 
     /// Expects steps as long as pictures of these cameras take.
@@ -80,9 +90,10 @@ impl<'a> Session<'a> {
         Settings { profile, iterations, .. }: &Settings,
         pauses: &[u32],
     ) -> Result<Outcome, Failure> {
-        let (work, iterations) = (progress::work(title, (*iterations).into()), *iterations);
-        let plan = plan(profile, iterations, self.pixels, training.gaussian_count(), pauses);
-        self.work = Some(work.resumed(training.iteration().into(), training.seconds(), plan));
+        let work = progress::work(title, (*iterations).into());
+        let expectation = Expectation::new(training, profile, *iterations, self.pixels, pauses);
+        self.work = Some(work.resumed(training.iteration().into(), training.seconds(), expectation.plan(0)));
+        self.expectation = Some(expectation);
         let outcome = training.run(pauses, &mut self)?;
         self.work.into_iter().for_each(Work::finish);
         let count = outcome.nonfinite;
@@ -93,17 +104,60 @@ impl<'a> Session<'a> {
     }
 }
 
-/// Expected costs of the steps of a training, and those that take longer: steps after which the
-/// scene's surface is made again, and the first ones after a pause.
-fn plan(profile: &Profile, iterations: u32, pixels: usize, count: usize, pauses: &[u32]) -> Plan {
-    let costs = (0..=iterations).scan(0.0, |sum, step| {
-        *sum += if step > 0 { profile.step_cost(step, iterations, pixels, count) } else { 0.0 };
-        Some(*sum)
-    });
-    let is_slow = |step: &u32| {
-        profile.near_field.is_some_and(|schedule| schedule.is_due(*step, iterations)) || pauses.contains(&(step - 1))
-    };
-    Plan { costs: costs.collect(), pauses: (1..=iterations).filter(is_slow).map(u64::from).collect() }
+/// Expected costs of the steps of a training, whose number of Gaussians changes.
+struct Expectation {
+    profile: Profile,
+    iterations: u32,
+    pixels: usize,
+    /// Number of Gaussians at the start, and the share of their growth before it.
+    start: (usize, f64),
+    /// Steps that take longer: after them the scene's surface is made again, or they follow a
+    /// pause.
+    slow: Vec<u64>,
+    /// Number of Gaussians now.
+    count: usize,
+}
+
+impl Expectation {
+    fn new(training: &Training, profile: &Profile, iterations: u32, pixels: usize, pauses: &[u32]) -> Self {
+        let is_slow = |step: &u32| {
+            let has_new_surface = profile.near_field.is_some_and(|schedule| schedule.is_due(*step, iterations));
+            has_new_surface || pauses.contains(&(step - 1))
+        };
+        let count = training.gaussian_count();
+        Self {
+            profile: profile.clone(),
+            iterations,
+            pixels,
+            start: (count, profile.share_of_growth(training.iteration(), iterations)),
+            slow: (1..=iterations).filter(is_slow).map(u64::from).collect(),
+            count,
+        }
+    }
+
+    /// Plan of the steps after `iteration`: the number of Gaussians goes on to grow as it did so
+    /// far, and at first as it usually does.
+    fn plan(&self, iteration: u32) -> Plan {
+        /// Growth of a typical scene, relative to its start, and the share of growth that counts as
+        /// much as this expectation.
+        const USUAL: f64 = 1.7;
+        const WEIGHT: f64 = 0.3;
+        /// About the time that a surface takes, in the unit of [`Profile::step_cost`].
+        const SURFACE: f64 = 7e6;
+        let (first, share_before) = (self.start.0.max(1) as f64, self.start.1);
+        let share = |step| (self.profile.share_of_growth(step, self.iterations) - share_before).max(0.0);
+        let so_far = self.count as f64 / first - 1.0;
+        let growth = (USUAL * WEIGHT + so_far) / (WEIGHT + share(iteration));
+        let now = 1.0 + growth * share(iteration);
+        let costs = (0..=self.iterations).scan(0.0, |sum, step| {
+            if step > 0 {
+                let count = self.count as f64 * ((1.0 + growth * share(step)) / now.max(0.1)).max(0.0);
+                *sum += self.profile.step_cost(step, self.iterations, self.pixels, count);
+            }
+            Some(*sum)
+        });
+        Plan { costs: costs.collect(), pauses: self.slow.clone(), pause_cost: SURFACE }
+    }
 }
 
 impl Observer for Session<'_> {
@@ -145,7 +199,14 @@ impl Observer for Session<'_> {
             let psnr = psnr.map_or(String::new(), |psnr| format!("PSNR {psnr:.2} dB, "));
             format!("{psnr}{} Gaussians", group_digits(count))
         };
-        self.work.iter().for_each(|work| work.done(iteration.into(), message));
+        let Some(work) = &self.work else { return };
+        work.done(iteration.into(), message);
+        if let Some(expectation) = &mut self.expectation
+            && expectation.count != count
+        {
+            expectation.count = count;
+            work.replan(expectation.plan(iteration));
+        }
     }
 
     fn pause(&mut self, training: &mut Training) -> Result<(), Failure> {

@@ -1,7 +1,9 @@
 //! Videos of pictures, which ffmpeg encodes.
 
 use crate::{args::ViewOptions, failure::Failure, output};
-use specula_scene::{Layer, backdrop::BackgroundChoice, picture_folder::PictureFolder, rendering::FRAME_MS, text::shown};
+use specula_scene::{
+    Layer, backdrop::BackgroundChoice, picture_folder::PictureFolder, rendering::FRAME_MS, text::shown,
+};
 use std::{
     fs, io,
     path::{Path, PathBuf},
@@ -117,5 +119,5 @@ fn has_ffmpeg() -> bool {
 }
 
 fn failure(path: &Path, source: io::Error) -> Failure {
-    specula_io::Error::Write { path: path.to_owned(), source }.into()
+    specula_io::Error::Write { path: path.to_owned(), cause: source }.into()
 }

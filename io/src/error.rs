@@ -418,6 +418,12 @@ pub enum Error {
 }
 
 impl Error {
+    /// True where a file was not written because the disk or a quota is full.
+    pub fn is_full_disk(&self) -> bool {
+        use io::ErrorKind::{QuotaExceeded, StorageFull};
+        matches!(self, Self::Write { cause, .. } if matches!(cause.kind(), StorageFull | QuotaExceeded))
+    }
+
     /// Closure for `map_err` that adds the path of a file that was read.
     pub(crate) fn reading(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
         let path = path.into();

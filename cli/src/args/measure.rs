@@ -81,7 +81,8 @@ pub(crate) struct Eval {
 /// measure, the command that produces it is printed. Runs of one scene are the rows of one table.
 /// For several scenes there is one table per quantity, with a column per scene, and the mean of
 /// rows that are complete. Rows are labelled by profile and by the settings that differ between
-/// runs. The best value of a column is bold.
+/// runs. Runs that differ only in their seed share a row: their mean ± the standard deviation. The
+/// best value of a column is bold.
 ///
 /// Runs of one scene that are not comparable (different iterations, data sets, resolutions or
 /// numbers of training views; different test views, backgrounds or LPIPS networks) cause a warning,
@@ -114,7 +115,7 @@ pub(crate) enum TableFormat {
     Markdown,
     /// Comma-separated values with all digits, for other programs.
     Csv,
-    /// LaTeX tabular that needs no package, the best values in bold.
+    /// LaTeX tabular with the rules of booktabs, the best values in bold.
     Latex,
 }
 

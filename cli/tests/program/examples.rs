@@ -13,7 +13,8 @@ use std::{
 
 /// Lights of the example of a file of lights.
 const EVENING: &str = "env = \"sunset.hdr\"\nsun = [\"30,45\"]\n";
-const MANIFEST: &str = "random-points = 200\niterations = 20\n[[training]]\nsource-path = \"data/chair\"\nmodel-path = \"out/many\"\n";
+const MANIFEST: &str =
+    "random-points = 200\niterations = 20\n[[training]]\nsource-path = \"data/chair\"\nmodel-path = \"out/many\"\n";
 
 /// Folder in which examples find what they name.
 fn folder() -> Tiny {
@@ -43,7 +44,11 @@ fn folder() -> Tiny {
     let ply = tiny.path("out/chair/point_cloud/iteration_30/point_cloud.ply");
     fs::copy(ply, tiny.path("scene.ply")).unwrap();
     fs::copy(tiny.path("out/chair/cameras.json"), tiny.path("cameras.json")).unwrap();
-    specula().current_dir(tiny.path("")).args(["export", "out/chair", "-o", "studio.exr", "--quiet"]).assert().success();
+    specula()
+        .current_dir(tiny.path(""))
+        .args(["export", "out/chair", "-o", "studio.exr", "--quiet"])
+        .assert()
+        .success();
     tiny
 }
 
@@ -66,8 +71,7 @@ fn examples() -> Vec<String> {
     for (name, _) in commands() {
         let help = help(&[&name]);
         let lines = help.lines().skip_while(|line| !line.starts_with("Example")).skip(1);
-        let of_command: Vec<String> =
-            lines.map_while(|line| line.strip_prefix("  ")).map(str::to_owned).collect();
+        let of_command: Vec<String> = lines.map_while(|line| line.strip_prefix("  ")).map(str::to_owned).collect();
         assert!(!of_command.is_empty(), "specula {name} --help has no example");
         found.extend(of_command);
     }
@@ -124,11 +128,8 @@ fn shell(line: &str, folder: &Path) -> Command {
 
 /// Runs a server until it says where it listens.
 fn serves(line: &str, folder: &Path) {
-    let mut child = shell(&format!("exec {line}"), folder)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child =
+        shell(&format!("exec {line}"), folder).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let streams: [Box<dyn std::io::Read + Send>; 2] =
         [Box::new(child.stdout.take().unwrap()), Box::new(child.stderr.take().unwrap())];
     let (sender, receiver) = std::sync::mpsc::channel();

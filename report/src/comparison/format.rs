@@ -13,7 +13,7 @@ pub enum Format {
     Markdown,
     /// Comma-separated values (RFC 4180) with every digit.
     Csv,
-    /// LaTeX `tabular`; the best of each column is bold.
+    /// LaTeX `tabular` with the rules of booktabs; the best of each column is bold.
     Latex,
 }
 
@@ -60,23 +60,39 @@ fn markdown_head(head: &Head) -> String {
 fn cell_text(cell: Option<&Cell>, bold: impl Fn(&str) -> String) -> String {
     match cell {
         None => MISSING.to_owned(),
-        Some(Cell { text, is_best: true, .. }) => bold(text),
-        Some(Cell { text, .. }) => text.clone(),
+        Some(Cell { text, deviation, is_best, .. }) => {
+            let deviation = deviation.as_ref().map_or(String::new(), |(_, text)| format!(" ± {text}"));
+            format!("{}{deviation}", if *is_best { bold(text) } else { text.clone() })
+        }
     }
 }
 
-/// Numbers with every digit. For several scenes the first column names the quantity.
+/// Numbers with every digit. For several scenes the first column names the quantity. Where runs
+/// differ in their seed, each column is followed by one of standard deviations.
 fn csv(tables: &[Table]) -> String {
     let name = |head: &Head| {
         let unit = if head.unit.is_empty() { String::new() } else { format!(" {}", head.unit) };
         quoted(&format!("{}{unit}", head.label))
     };
+    let mut cells = tables.iter().flat_map(|table| &table.rows).flat_map(|(_, cells)| cells).flatten();
+    let has_deviations = cells.any(|cell| cell.deviation.is_some());
     let csv_of = |(index, table): (usize, &Table)| {
         let first = |text: &str| table.title.as_ref().map(|_| text.to_owned());
         let title = table.title.as_ref().map(name).unwrap_or_default();
-        let heads = first("quantity").into_iter().chain(table.heads.iter().map(name)).collect::<Vec<_>>().join(",");
+        let numbers_heads = table.heads[1..].iter().flat_map(|head| {
+            let label = format!("{} deviation", head.label);
+            let deviation = has_deviations.then(|| name(&Head { label, ..head.clone() }));
+            [Some(name(head)), deviation].into_iter().flatten()
+        });
+        let heads = first("quantity").into_iter().chain([name(&table.heads[0])]).chain(numbers_heads);
+        let heads = heads.collect::<Vec<_>>().join(",");
         let rows = table.rows.iter().map(|(label, cells)| {
-            let numbers = cells.iter().map(|cell| cell.as_ref().map_or(String::new(), |cell| cell.value.to_string()));
+            let numbers = cells.iter().flat_map(|cell| {
+                let text = |number: Option<f64>| number.map_or(String::new(), |number| number.to_string());
+                let value = text(cell.as_ref().map(|cell| cell.value));
+                let deviation = cell.as_ref().and_then(|cell| cell.deviation.as_ref()).map(|(number, _)| *number);
+                [Some(value), has_deviations.then(|| text(deviation))].into_iter().flatten()
+            });
             let all: Vec<String> = first(&title).into_iter().chain([quoted(label)]).chain(numbers).collect();
             format!("{}\n", all.join(","))
         });
@@ -92,7 +108,7 @@ fn quoted(text: &str) -> String {
     if text.contains([',', '"']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }
 }
 
-/// One `tabular`, which needs no package, after warnings as comments.
+/// One `tabular` with the rules of booktabs, after warnings as comments.
 fn latex(tables: &[Table], warnings: &[String]) -> String {
     let Some(first) = tables.first() else { return String::new() };
     let warnings: String = warnings.iter().map(|warning| format!("% {warning}\n")).collect();
@@ -106,14 +122,18 @@ fn latex(tables: &[Table], warnings: &[String]) -> String {
             let cells = cells.iter().map(|cell| {
                 cell_text(cell.as_ref(), |text| format!("\\textbf{{{text}}}"))
                     .replace(MISSING, "--")
+                    .replace(" ± ", "$\\pm$")
                     .replace(' ', "\\,")
             });
             latex_line(core::iter::once(escaped_for_latex(label)).chain(cells))
         });
-        format!("{title}{}\\hline\n", rows.collect::<String>())
+        format!("{title}{}", rows.collect::<String>())
     };
-    let tables: String = tables.iter().map(latex_of).collect();
-    format!("{warnings}\\begin{{tabular}}{{l{columns}}}\n\\hline\n{heads}\\hline\n{tables}\\end{{tabular}}\n")
+    let tables = tables.iter().map(latex_of).collect::<Vec<_>>().join("\\midrule\n");
+    format!(
+        "{warnings}% \\usepackage{{booktabs}}\n\\begin{{tabular}}{{l{columns}}}\n\\toprule\n{heads}\\midrule\n{tables}\
+         \\bottomrule\n\\end{{tabular}}\n"
+    )
 }
 
 fn latex_line(cells: impl Iterator<Item = String>) -> String {

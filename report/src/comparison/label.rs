@@ -8,20 +8,39 @@ use std::collections::{BTreeMap, BTreeSet};
 const NOT_SHOWN: [&str; 6] =
     ["source-path", "executor", "checkpoint-every", "save-iterations", "test-iterations", "profile"];
 
-/// Label of each run: equal for runs with equal settings in several scenes, distinct within a
-/// scene.
+/// Setting whose values are samples of one result.
+const SEED: &str = "seed";
+
+/// Label of each run: equal for runs with equal settings in several scenes. Within a scene, runs of
+/// one label differ only in their seed.
 pub(super) fn labels(runs: &[Run]) -> Vec<String> {
     let profiles: Vec<String> = runs.iter().map(|run| run.profile.clone()).collect();
-    let differing = differing(runs);
+    let mut differing = differing(runs);
+    let with_seeds: Vec<String> = runs.iter().map(|run| profile_and_settings(run, &differing)).collect();
+    differing.retain(|key| key != SEED);
     let with_settings: Vec<String> = runs.iter().map(|run| profile_and_settings(run, &differing)).collect();
     let folders = runs.iter().map(|run| shown(&run.folder)).collect();
-    [profiles, with_settings].into_iter().find(|labels| are_distinct(runs, labels)).unwrap_or(folders)
+    let all = [profiles, with_settings, with_seeds];
+    all.into_iter().find(|labels| are_distinct(runs, labels)).unwrap_or(folders)
 }
 
-/// Whether no label occurs twice in a scene.
+/// Whether runs of a scene with one label differ only in their seed.
 fn are_distinct(runs: &[Run], labels: &[String]) -> bool {
-    let mut used = BTreeSet::new();
-    runs.iter().zip(labels).all(|(run, label)| used.insert((&run.scene, label)))
+    let labelled: Vec<(&Run, &String)> = runs.iter().zip(labels).collect();
+    labelled.iter().enumerate().all(|(index, (run, label))| {
+        let mut before = labelled[..index].iter().filter(|(other, same)| run.scene == other.scene && label == same);
+        before.all(|(other, _)| is_other_sample(run, other))
+    })
+}
+
+/// Whether two runs of a scene differ in their seed and in nothing else that shapes a result.
+fn is_other_sample(one: &Run, other: &Run) -> bool {
+    let settings = |run: &Run| {
+        let shaping = run.settings.iter().filter(|(key, _)| !NOT_SHOWN.contains(&key.as_str()) && *key != SEED);
+        shaping.map(|(key, value)| (key.clone(), value.clone())).collect::<Vec<_>>()
+    };
+    let [Some(seed), Some(other_seed)] = [one, other].map(|run| run.settings.get(SEED)) else { return false };
+    seed != other_seed && one.profile == other.profile && settings(one) == settings(other)
 }
 
 /// Settings in which runs of one scene and profile differ.

@@ -127,7 +127,8 @@ impl Run {
                 .map_or_else(|| last_component(folder).unwrap_or_default(), |info| info.profile.clone()),
             measured: MEASURES.map(|measure| number(measure.name)),
             is_shaded: info.as_ref().is_some_and(|info| info.shading != "radiance"),
-            is_physical: settings.get("relightable").and_then(toml::Value::as_bool).unwrap_or(false),
+            is_physical: facts.materials.0 == Some(true)
+                || settings.get("relightable").and_then(toml::Value::as_bool).unwrap_or(false),
             relit: RELIT.map(|protocol| number(protocol.name)),
             light_correlation: number(light::CORRELATION),
             light_scale: number(light::SCALE),
@@ -189,6 +190,7 @@ struct Facts {
     test_views: Lenient<f64>,
     gaussians: Lenient<f64>,
     seconds: Lenient<f64>,
+    materials: Lenient<bool>,
     background: Lenient<[f64; 3]>,
 }
 

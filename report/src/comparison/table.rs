@@ -24,17 +24,30 @@ impl Head {
     }
 }
 
-/// Number of a table.
+/// Number of a table: that of a run, or the mean over runs that differ in their seed.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Cell {
     pub(super) value: f64,
     pub(super) text: String,
+    /// Sample standard deviation over several seeds, and its text.
+    pub(super) deviation: Option<(f64, String)>,
     pub(super) is_best: bool,
 }
 
 impl Cell {
     fn new(quantity: Quantity, value: f64) -> Self {
-        Self { value, text: quantity.format(value), is_best: false }
+        Self { value, text: quantity.format(value), deviation: None, is_best: false }
+    }
+
+    /// Mean of runs and its deviation; none where a run lacks the quantity, or without runs.
+    fn of_runs<'a>(quantity: Quantity, runs: impl Iterator<Item = &'a Run>) -> Option<Self> {
+        let values: Vec<f64> = runs.map(|run| quantity.value(run)).collect::<Option<_>>()?;
+        let count = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / count;
+        let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+        let deviation = (values.len() > 1).then(|| (squares / (count - 1.0)).sqrt());
+        let deviation = deviation.map(|deviation| (deviation, quantity.format(deviation)));
+        (!values.is_empty()).then(|| Self { deviation, ..Self::new(quantity, mean) })
     }
 }
 
@@ -67,9 +80,11 @@ pub(super) fn scenes(runs: &[Run]) -> Vec<&str> {
 }
 
 fn table_of_scene(scene: &str, quantities: &[Quantity], runs: &[Run], labels: &[String]) -> Table {
-    let cell = |quantity: &Quantity, run: &Run| quantity.value(run).map(|value| Cell::new(*quantity, value));
-    let row = |run: &Run| quantities.iter().map(|quantity| cell(quantity, run)).collect();
-    let mut rows: Vec<Row> = labels.iter().cloned().zip(runs.iter().map(row)).collect();
+    let row = |label: &str| {
+        let cells = quantities.iter().map(|quantity| Cell::of_runs(*quantity, labelled(scene, label, runs, labels)));
+        (with_count(label, runs, labels), cells.collect())
+    };
+    let mut rows: Vec<Row> = distinct(labels.iter().map(String::as_str)).into_iter().map(row).collect();
     let is_of_new_views = |run: &Run| run.unmeasured.is_none() && !run.held_nothing_out;
     if is_comparable(scene, runs) && runs.iter().all(is_of_new_views) {
         quantities.iter().enumerate().for_each(|(column, quantity)| mark_best(&mut rows, column, *quantity));
@@ -79,16 +94,13 @@ fn table_of_scene(scene: &str, quantities: &[Quantity], runs: &[Run], labels: &[
 }
 
 fn table_of_quantity(quantity: Quantity, scenes: &[&str], runs: &[Run], labels: &[String]) -> Table {
-    let value = |label: &str, scene: &str| {
-        let mut matching = runs.iter().zip(labels).filter(|(run, other)| run.scene == scene && *other == label);
-        matching.next().and_then(|(run, _)| quantity.value(run))
-    };
     let row = |label: &str| {
-        let values: Vec<Option<f64>> = scenes.iter().map(|scene| value(label, scene)).collect();
-        let complete: Option<Vec<f64>> = values.iter().copied().collect();
+        let cells = scenes.iter().map(|scene| Cell::of_runs(quantity, labelled(scene, label, runs, labels)));
+        let mut cells: Vec<Option<Cell>> = cells.collect();
+        let complete: Option<Vec<f64>> = cells.iter().map(|cell| cell.as_ref().map(|cell| cell.value)).collect();
         let mean = complete.map(|values| values.iter().sum::<f64>() / values.len() as f64);
-        let cells = values.into_iter().chain([mean]).map(|value| value.map(|value| Cell::new(quantity, value)));
-        (label.to_owned(), cells.collect())
+        cells.push(mean.map(|mean| Cell::new(quantity, mean)));
+        (with_count(label, runs, labels), cells)
     };
     let mut rows: Vec<Row> = distinct(labels.iter().map(String::as_str)).into_iter().map(row).collect();
     for (column, _) in scenes.iter().enumerate().filter(|(_, scene)| is_comparable(scene, runs)) {
@@ -99,6 +111,28 @@ fn table_of_quantity(quantity: Quantity, scenes: &[&str], runs: &[Run], labels: 
     }
     let heads = ["method"].iter().chain(scenes).chain(&["mean"]).map(|label| Head::plain(label)).collect();
     Table { title: Some(Head::of(quantity)), heads, rows }
+}
+
+/// Runs of a scene with a label.
+fn labelled<'a>(
+    scene: &'a str,
+    label: &'a str,
+    runs: &'a [Run],
+    labels: &'a [String],
+) -> impl Iterator<Item = &'a Run> {
+    let matching = runs.iter().zip(labels).filter(move |(run, other)| run.scene == scene && *other == label);
+    matching.map(|(run, _)| run)
+}
+
+/// Label with the number of seeds of each scene, if it is more than one.
+fn with_count(label: &str, runs: &[Run], labels: &[String]) -> String {
+    let count = |scene: &&str| labelled(scene, label, runs, labels).count();
+    let counts: BTreeSet<usize> = scenes(runs).iter().map(count).filter(|count| *count > 0).collect();
+    match (counts.first(), counts.last()) {
+        (_, None | Some(1)) => label.to_owned(),
+        (Some(least), Some(most)) if least < most => format!("{label} ({least} to {most} seeds)"),
+        (_, Some(count)) => format!("{label} ({count} seeds)"),
+    }
 }
 
 fn is_comparable(scene: &str, runs: &[Run]) -> bool {

@@ -20,6 +20,9 @@ pub fn model_info(settings: &Settings, [train, test]: [usize; 2], orientation: O
     if profile.near_field.is_some() {
         rest.insert("reflections".into(), reflections.into());
     }
+    if profile.physical.is_some() {
+        rest.insert("materials".into(), true.into());
+    }
     if profile.views_per_step > 1 {
         rest.insert("views_per_step".into(), profile.views_per_step.into());
     }

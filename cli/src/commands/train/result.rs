@@ -4,11 +4,11 @@ use crate::{
     args::{Reflections, Train},
     certified,
     failure::Failure,
-    memory, output, progress,
+    interrupt, memory, output, progress,
     scene::measure_held_out,
     truth::{measure_light, measure_materials, up_of},
 };
-use core::iter;
+use core::{iter, time::Duration};
 use serde_json::Map;
 use specula_core::{camera::Camera, cutoffs::BlendOrder, rules::Channels};
 use specula_io::{
@@ -26,6 +26,7 @@ use specula_scene::{
     number::group_digits,
     training::{Outcome, Training},
 };
+use std::thread;
 
 /// Views that a result was trained on and is measured with.
 #[derive(Debug)]
@@ -66,6 +67,35 @@ fn save(args: &Train, training: &Training, scene: &Scene, info: &ModelInfo, view
     Ok(scene.save(&args.model_path, training.iteration(), info)?)
 }
 
+/// Writes what was trained, again and again while the disk is full and `wait` returns true.
+fn write_when_there_is_space(
+    mut write: impl FnMut() -> Result<(), Failure>,
+    mut wait: impl FnMut() -> bool,
+) -> Result<(), Failure> {
+    let mut is_told = false;
+    loop {
+        match write() {
+            Err(Failure::File(error)) if error.is_full_disk() => {
+                if !is_told {
+                    tracing::warn!("{error}; make space, and the trained scene is saved then; Ctrl-C gives it up");
+                }
+                is_told = true;
+                if !wait() {
+                    return Err(error.into());
+                }
+            }
+            written => return written,
+        }
+    }
+}
+
+/// Waits before the disk is tried again; returns false where a signal asks to give up.
+fn wait_for_space(was_interrupted: bool) -> bool {
+    const PAUSE: Duration = Duration::from_secs(5);
+    thread::sleep(PAUSE);
+    was_interrupted || !interrupt::is_requested()
+}
+
 /// Saves and measures the result, and prints its measures.
 pub(super) fn finish(
     args: &Train,
@@ -91,7 +121,8 @@ pub(super) fn finish(
         );
     }
     info.rest.insert("seconds".into(), ((seconds * 1000.0).round() / 1000.0).into());
-    save(args, training, &scene, &info, views)?;
+    let is_requested = interrupt::is_requested();
+    write_when_there_is_space(|| save(args, training, &scene, &info, views), || wait_for_space(is_requested))?;
     let path = model_folder::gaussians_at(&args.model_path, iteration);
     if is_interrupted {
         let model = shell_word(&args.model_path.to_string_lossy());
@@ -214,4 +245,38 @@ fn materials_of(scene: &Scene, options: &RenderOptions, data: &Capture) -> Resul
         Ok(decoded.next().map_or_else(Materials::default, |(_, materials)| materials))
     };
     measure_materials(scene, options, &cameras, truth)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use specula_io::Error;
+    use std::io::ErrorKind;
+
+    fn fails_with(kind: ErrorKind) -> Failure {
+        Error::Write { path: "model".into(), cause: kind.into() }.into()
+    }
+
+    #[test]
+    fn a_full_disk_is_tried_again_until_there_is_space_or_the_user_gives_up() {
+        let mut results =
+            [Err(fails_with(ErrorKind::StorageFull)), Err(fails_with(ErrorKind::QuotaExceeded)), Ok(())].into_iter();
+        assert!(write_when_there_is_space(|| results.next().expect("three writes"), || true).is_ok());
+        assert_eq!(results.len(), 0);
+
+        let mut waits = [true, false].into_iter();
+        let failed =
+            write_when_there_is_space(|| Err(fails_with(ErrorKind::StorageFull)), || waits.next().expect("two waits"));
+        assert!(matches!(failed, Err(Failure::File(_))), "{failed:?}");
+        assert_eq!(waits.len(), 0);
+    }
+
+    #[test]
+    fn other_failures_of_saving_end_the_training() {
+        let failed = write_when_there_is_space(
+            || Err(fails_with(ErrorKind::PermissionDenied)),
+            || panic!("nothing to wait for"),
+        );
+        assert!(matches!(failed, Err(Failure::File(_))), "{failed:?}");
+    }
 }
