@@ -100,7 +100,7 @@ pub(crate) struct Train {
     #[arg(long, value_name = "GIB", value_parser = gibibytes)]
     #[serde(skip)]
     pub(crate) picture_memory: Option<f64>,
-    /// Downscale the pictures by this factor; auto: until the longer edge has at most 1100 pixels.
+    /// Downscale pictures by this factor; auto: to at most 1100 pixels along an edge.
     #[arg(long, short, value_name = "1|2|4|8|auto", default_value = "1", value_parser = downscale_or_rule, allow_negative_numbers = true)]
     #[serde(serialize_with = "as_option_of_resolution")]
     pub(crate) resolution: u32,

@@ -110,13 +110,14 @@ fn runs_of_one_scene_are_rows_and_the_best_is_bold() {
 
     let file = runs.0.path().join("table.tex");
     compared(&[plain, ours], &["-o", file.to_str().unwrap()]);
-    let expected = r"\begin{tabular}{lrrrrrrr}
-\hline
+    let expected = r"% \usepackage{booktabs}
+\begin{tabular}{lrrrrrrr}
+\toprule
 chair & PSNR dB $\uparrow$ & SSIM $\uparrow$ & FLIP $\downarrow$ & normal MAE $^\circ$ $\downarrow$ & Gaussians & training s & size MB \\
-\hline
+\midrule
 3dgs & \textbf{35.96} & \textbf{0.9871} & 0.0300 & 12.00 & 1\,205 & 105 & 2.0 \\
 specula & 35.86 & \textbf{0.9871} & \textbf{0.0200} & \textbf{4.50} & 1\,204 & 104 & 2.0 \\
-\hline
+\bottomrule
 \end{tabular}
 ";
     assert_eq!(fs::read_to_string(file).unwrap(), expected);
@@ -160,7 +161,7 @@ Gaussians,3dgs,1201,1201,1201
     assert!(csv.starts_with(expected), "{csv}");
     let (latex, _) = compared(&folders, &["--format", "latex"]);
     assert!(latex.contains("\\multicolumn{4}{l}{PSNR dB $\\uparrow$} \\\\\n3dgs & 30.00"), "{latex}");
-    assert!(latex.contains("paper & \\textbf{33.50} & -- & -- \\\\\n\\hline\n"), "{latex}");
+    assert!(latex.contains("paper & \\textbf{33.50} & -- & -- \\\\\n\\midrule\n"), "{latex}");
 }
 
 #[test]

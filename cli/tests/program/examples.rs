@@ -102,14 +102,26 @@ fn shortened(example: &str) -> String {
     if is_new_training && !line.contains("--iterations") {
         line += " --iterations 20";
     }
+    if line.starts_with("specula train data") {
+        let view = line.strip_suffix(" --view").map(str::to_owned);
+        line = format!(
+            "{} --random-points 200 --overwrite{}",
+            view.as_ref().unwrap_or(&line),
+            if view.is_some() { " --view" } else { "" }
+        );
+    }
     if line == "specula report" {
         line += " out/chair -o out/demo-report --size 16";
     }
-    let is_server = line.starts_with("specula view") || line.ends_with("--view");
-    if is_server && !line.contains("--listen") {
+    if is_server(&line) && !line.contains("--listen") {
         line += if line.starts_with("specula view") { " --listen 127.0.0.1:0" } else { "=127.0.0.1:0" };
     }
     line
+}
+
+/// Whether an example goes on until it is stopped.
+fn is_server(line: &str) -> bool {
+    line.starts_with("specula view") || line.split(' ').any(|word| word == "--view" || word.starts_with("--view="))
 }
 
 /// Path on which a shell finds the program.
@@ -159,11 +171,13 @@ fn every_example_of_every_help_runs() {
     assert!(examples.len() > 45, "{examples:?}");
     for example in &examples {
         let line = shortened(example);
-        if line.starts_with("specula view") || line.contains(" --view") {
+        if is_server(&line) {
             serves(&line, &folder);
             continue;
         }
+        let start = std::time::Instant::now();
         let output = shell(&line, &folder).output().unwrap();
+        eprintln!("{:.1} {line}", start.elapsed().as_secs_f64());
         let said = String::from_utf8_lossy(&output.stderr);
         let lacks_driver = line.contains("--executor gpu") && said.contains("GPU");
         assert!(output.status.success() || lacks_driver, "{line}\n{said}");
