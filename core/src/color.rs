@@ -45,9 +45,8 @@ pub(crate) fn srgb_color_vjp<R: Real>(linear: Vec3<R>, srgb: Vec3<R>, grad: Vec3
     }
 }
 
-/// Residual colours are no larger than this, of either sign: brighter than any light, and the
-/// gradients of losses, which go with the square of what a picture shows, stay far from the end of
-/// an `f32`.
+/// Largest magnitude of residual colours: brighter than any light, while gradients of losses, which
+/// grow with the square of a picture, stay far from the end of an `f32`.
 pub const COLOR_MAX: f32 = 1e6;
 
 /// A colour within ± [`COLOR_MAX`].
@@ -83,9 +82,8 @@ pub fn from_byte<R: Real>(byte: R) -> R {
     byte * (1.0 / 255.0)
 }
 
-/// A pixel of a true picture of which nothing is known: it counts in no loss and in no measure. At
-/// an alpha of zero no colour is seen, so this one is reserved; other transparent pixels get
-/// another.
+/// Unknown pixel of a true picture, which no loss and no measure counts. At an alpha of zero no
+/// colour is seen, so this one is reserved; other transparent pixels get another.
 pub const UNKNOWN: [u8; 4] = [254, 1, 254, 0];
 
 /// Whether a pixel of red, green, blue and alpha bytes is [`UNKNOWN`].

@@ -30,8 +30,8 @@
 //! * [`executor`], [`pipeline`]: the stages as a contract, and their order, written once
 //!
 //! Formulas are generic over [`real::Real`]: `f32`, SIMD lanes, [`double::Double`] as the oracle of
-//! every error figure, and [`dual::Dual`] to hold every `_vjp` against. A `_vjp` pulls the gradient
-//! of a function's result back to its arguments and stands right after the function.
+//! every error figure, and [`dual::Dual`] to check every `_vjp`. A `_vjp` pulls the gradient of a
+//! function's result back to its arguments and stands right after the function.
 //!
 //! One Gaussian, from its stored attributes to the colour that an eye sees, `c = γ(c_d + s ⊙ L_s +
 //! c_r)`, without any executor:

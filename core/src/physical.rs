@@ -17,8 +17,8 @@
 //! receives, and a white dielectric reflects all of it.
 //!
 //! The ambient transfer of a Gaussian is the share of the irradiance along its normal that reaches
-//! it past other surfaces, and of what those reflect: 1 in the open. It is no parameter; rays
-//! against the scene's surface find it.
+//! it past other surfaces, plus the light that those reflect: 1 without occlusion. It is not
+//! optimised; rays against the scene's surface determine it.
 
 use crate::{
     color::{srgb_color, srgb_color_vjp},
@@ -32,13 +32,13 @@ use crate::{
 pub const DIELECTRIC: f32 = 0.04;
 
 /// Shares of the specular colour in all light that leaves a Gaussian, between which [`metal_share`]
-/// rises from 0 to 1. Not up to 1, since uniform light makes a part of each metal look diffuse.
+/// rises from 0 to 1. Below 1, since uniform light makes a part of each metal look diffuse.
 const SPECULAR_SHARES: [f32; 2] = [0.12, 0.3];
 
 /// Reflectances between which [`metal_share`] rises: no metal is nearly black.
 const METAL_REFLECTANCES: [f32; 2] = [0.1, 0.3];
 
-/// Smallest radiance, beside which none is divided.
+/// Radiance that keeps divisors positive without light.
 const NO_LIGHT: f32 = 1e-6;
 
 /// Share of metal, 0 to 1, that the view-dependent colours of a Gaussian suggest.

@@ -1,4 +1,4 @@
-//! The order of the stages, written once.
+//! Order of the stages, in one place for all executors.
 
 use crate::{
     camera::Camera,
@@ -21,7 +21,7 @@ pub enum Stage<'a, E: Renderer> {
     Blend(&'a E::Splats, &'a E::Frame),
     /// Reflected rays were traced.
     Trace(&'a E::Frame),
-    /// Lamps were seen, pixel by pixel.
+    /// Direct light from lamps was evaluated.
     Illuminate(&'a E::Frame),
     /// Light was added pixel by pixel.
     ShadePixels(&'a E::Frame),
@@ -98,7 +98,7 @@ pub fn render_pass<E: Renderer>(
     forward_pass(exec, gaussians, light.filter(|_| rules.is_lit), camera, rules, E::bin, observer)
 }
 
-/// Stages of a picture under a light that is looked up, binned by `bin`.
+/// Stages of a picture under a filtered light, binned by `bin`.
 fn forward_pass<E: Renderer>(
     exec: &mut E,
     gaussians: &Gaussians<E::Array>,
@@ -144,7 +144,7 @@ pub fn shade_gaussians<E: Renderer>(
     project_and_shade(exec, gaussians, light.filter(|_| rules.is_lit), camera, rules, observer)
 }
 
-/// Splats and their channels, under a light that is looked up.
+/// Splats and their channels under a filtered light.
 fn project_and_shade<E: Renderer>(
     exec: &mut E,
     gaussians: &Gaussians<E::Array>,
@@ -201,10 +201,10 @@ fn take_step<E: Executor>(
 /// Results of the stages of a step up to the gradients of splats.
 struct Backward<E: Executor> {
     splats: E::Splats,
-    /// Light that was looked up.
+    /// Filtered light of the lookups.
     light: Option<E::Light>,
     grads: E::SplatGrads,
-    /// Gradient of the light, where pixels looked it up.
+    /// Gradient of the light, if pixels looked it up.
     light_grad: Option<E::LightGrad>,
 }
 

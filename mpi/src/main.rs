@@ -6,7 +6,7 @@ use core::time::Duration;
 use exchange::MpiExchange;
 use mpi::{Threading, traits::Communicator};
 use specula::{Ranks, local_rank};
-use specula_train::exchange::{Exchange, PATIENCE};
+use specula_train::exchange::{Exchange, RANK_TIMEOUT};
 use std::{env, process::ExitCode, thread};
 
 /// Variable with the seconds after which a rank that does not answer counts as lost.
@@ -48,7 +48,7 @@ fn main() -> ExitCode {
 
 /// Time after which a rank that does not answer counts as lost.
 fn patience() -> Result<Duration, String> {
-    let Ok(text) = env::var(PATIENCE_VARIABLE) else { return Ok(PATIENCE) };
+    let Ok(text) = env::var(PATIENCE_VARIABLE) else { return Ok(RANK_TIMEOUT) };
     match text.parse() {
         Ok(seconds) if seconds > 0 => Ok(Duration::from_secs(seconds)),
         _ => Err(format!("{PATIENCE_VARIABLE} is {text:?}; set it to a number of seconds")),

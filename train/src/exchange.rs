@@ -10,7 +10,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 
 /// Time after which a rank that does not answer counts as lost, unless another is set. Ranks wait
 /// for the first one while it writes a checkpoint or measures test views.
-pub const PATIENCE: Duration = Duration::from_secs(600);
+pub const RANK_TIMEOUT: Duration = Duration::from_secs(600);
 
 /// Failure of an exchange. The training of this rank ends with it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

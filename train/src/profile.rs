@@ -590,14 +590,14 @@ impl Profile {
     pub fn rates_at(&self, done: f32) -> Rates {
         let held = [Schedule::constant(0.0); 2];
         let normal_residual = if done < self.normal_residuals_from { held } else { self.rates.normal_residual };
-        let warmth = self.warmth(done);
+        let lr_decay_factor = self.lr_decay_factor(done);
         let cooled =
-            |schedule: Schedule| Schedule { first: warmth * schedule.first, last: warmth * schedule.last, ..schedule };
+            |schedule: Schedule| Schedule { first: lr_decay_factor * schedule.first, last: lr_decay_factor * schedule.last, ..schedule };
         Rates { normal_residual, ..self.rates }.map(cooled)
     }
 
     /// Share of the learning rates that cooling leaves at a progress in \[0, 1\].
-    fn warmth(&self, done: f32) -> f32 {
+    fn lr_decay_factor(&self, done: f32) -> f32 {
         if done <= self.cool_from { 1.0 } else { ((1.0 - done) / (1.0 - self.cool_from)).max(0.0) }
     }
 

@@ -14,7 +14,7 @@ use specula_core::{
         DirectLight, LAMPS_MAX, LIGHT_MAX, Lamp, LampError, LampOf, LitPixel, RAYS_MAX, Toward, check, check_reflected,
         direct_light, disc_axes, horizon, seen_share, shadow_ray, shift, specular, spiral_point, toward,
     },
-    near_field::{BACK_DEPTH, FRONTS_ALONE, NOTHING, NearField, TRIANGLE_LEN, crossing},
+    near_field::{BACK_DEPTH, CULL_BACKFACES, T_MISS, NearField, TRIANGLE_LEN, crossing},
     physical::PixelFacing,
     plan::{Needs, Plan, Unlit},
     prefilter::{LevelRange, Levels, PrefilterScheme},
@@ -117,7 +117,7 @@ proptest! {
         seed in any::<u64>(),
         origin in proptest::array::uniform3(-3.0..3.0_f32),
         direction in unit_vector(),
-        reach in prop_oneof![Just(NOTHING), 0.0..4.0_f32],
+        reach in prop_oneof![Just(T_MISS), 0.0..4.0_f32],
     ) {
         let near_field = random_near_field(40, seed);
         let origin = Real3::from(Vec3::from(origin));
@@ -126,9 +126,9 @@ proptest! {
         let depth = BACK_DEPTH * near_field.offset;
         let nearest = (0..near_field.triangle_count)
             .map(|triangle| crossing(near_field.corners(triangle).map(position), origin, direction, depth).distance)
-            .fold(NOTHING, f32::min);
+            .fold(T_MISS, f32::min);
         prop_assert_eq!(near_field.is_blocked(origin, direction, reach), nearest < reach);
-        let front = near_field.first_hit(origin, direction).map_or(NOTHING, |hit| hit.distance);
+        let front = near_field.first_hit(origin, direction).map_or(T_MISS, |hit| hit.distance);
         prop_assert!(nearest <= front);
     }
 
@@ -152,8 +152,8 @@ proptest! {
         let place = a + weights[0] * (b - a) + weights[1] * (c - a);
         let start = place - direction * (below * depth / along);
         let found = |depth: f32| crossing([a, b, c].map(Real3::from), start.into(), direction.into(), depth).distance;
-        prop_assert_eq!(found(depth) < NOTHING, below > 1.0);
-        prop_assert_eq!(found(FRONTS_ALONE), NOTHING);
+        prop_assert_eq!(found(depth) < T_MISS, below > 1.0);
+        prop_assert_eq!(found(CULL_BACKFACES), T_MISS);
     }
 
     /// Rays lead to the lamp's disc, and together they weigh what the disc shines on the surface.

@@ -10,8 +10,8 @@ use specula_core::{
     double::Double,
     executor::Renderer,
     near_field::{
-        BLURRED, FINISHED, FRONTS_ALONE, Hit, INDEX_MAX, NODE_LEN, NOTHING, NearField, NearFieldError, NearSurface,
-        Reflection, SHARP, crossing, share_of_near, vertex_surface,
+        NEAR_ROUGHNESS_END, T_DONE, CULL_BACKFACES, Hit, INDEX_MAX, NODE_LEN, T_MISS, NearField, NearFieldError, NearSurface,
+        Reflection, NEAR_ROUGHNESS_START, crossing, share_of_near, vertex_surface,
     },
     pipeline::render,
     prefilter::{LevelRange, PrefilterScheme},
@@ -55,8 +55,8 @@ fn nearest<R: Real<Mask = bool>>(
     let mut hit: Option<Hit<R>> = None;
     for triangle in 0..near_field.triangle_count {
         let found =
-            crossing(near_field.corners(triangle).map(position), origin, direction, like.constant(FRONTS_ALONE));
-        let nearest = hit.map_or(like.constant(NOTHING), |hit| hit.distance);
+            crossing(near_field.corners(triangle).map(position), origin, direction, like.constant(CULL_BACKFACES));
+        let nearest = hit.map_or(like.constant(T_MISS), |hit| hit.distance);
         if found.distance.less(nearest) {
             hit = Some(Hit { distance: found.distance, triangle, weights: found.weights });
         }
@@ -89,7 +89,7 @@ fn side_by_side<S: Simd>(
         weights: weights.map(|weights| weights[lane]),
     };
     (
-        core::array::from_fn(|lane| (distances[lane] < NOTHING).then(|| hit(lane))),
+        core::array::from_fn(|lane| (distances[lane] < T_MISS).then(|| hit(lane))),
         are_blocked.map(|blocked| blocked == 1.0),
     )
 }
@@ -128,7 +128,7 @@ proptest! {
         rays in proptest::array::uniform16((
             proptest::array::uniform3(-3.0..3.0_f32),
             unit_vector(),
-            prop_oneof![3 => Just(NOTHING), 2 => 0.0..4.0_f32, 1 => Just(FINISHED)],
+            prop_oneof![3 => Just(T_MISS), 2 => 0.0..4.0_f32, 1 => Just(T_DONE)],
         )),
     ) {
         let near_field = random_near_field(count, seed);
@@ -212,7 +212,7 @@ fn far_light_comes_from_where_the_ray_is_mirrored_a_second_time() {
 fn a_single_ray_stands_for_mirrors() {
     let shares: Vec<f32> = (0..=100).map(|k| share_of_near(0.01 * k as f32)).collect();
     assert_eq!([shares[0], shares[25], shares[50], shares[100]], [1.0, 1.0, 0.0, 0.0]);
-    assert!((share_of_near(0.5 * (SHARP + BLURRED)) - 0.5).abs() < 1e-6);
+    assert!((share_of_near(0.5 * (NEAR_ROUGHNESS_START + NEAR_ROUGHNESS_END)) - 0.5).abs() < 1e-6);
     assert!(shares.windows(2).all(|pair| pair[1] <= pair[0]));
 }
 
@@ -231,7 +231,7 @@ fn rays_and_triangles_at_the_edge_of_numbers_are_traced() {
         for (origin, direction) in [(vec3(x, y, 0.0), vec3(0.0, 0.0, 1.0)), (vec3(0.1, 0.2, 9.0), vec3(x, 0.0, y))] {
             if let Some(hit) = near_field.first_hit(origin, direction) {
                 met += 1;
-                assert!(hit.distance > 0.0 && hit.distance < NOTHING, "{hit:?}");
+                assert!(hit.distance > 0.0 && hit.distance < T_MISS, "{hit:?}");
                 assert!(origin.x.is_finite() && direction.x.is_finite(), "{origin:?} {direction:?}");
             }
         }

@@ -25,7 +25,7 @@ use specula_tests::{
 };
 use specula_train::{
     evaluate::{mean_quality, measure_view, render_view},
-    exchange::{PATIENCE, threads},
+    exchange::{RANK_TIMEOUT, threads},
     profile::{Profile, by_name, exposure_rate},
     start::Point,
     trainer::{HostScene, Settings, Trainer},
@@ -252,7 +252,7 @@ fn two_ranks_with_a_device_each_train_as_one_does_to_the_last_bit() {
     let plan = &mut settings.profile.densification;
     (plan.from, plan.every) = (0, 5);
     let (expected, _) = train(gpu, settings.clone(), STEPS);
-    let ranks = threads(2, PATIENCE).into_iter().map(|exchange| {
+    let ranks = threads(2, RANK_TIMEOUT).into_iter().map(|exchange| {
         let settings = settings.clone();
         std::thread::spawn(move || {
             let exec = executor().expect("there was one before");

@@ -24,7 +24,7 @@ use formulas::{
 };
 use specula_core::{
     camera::Camera,
-    near_field::{BACK_DEPTH, FRONTS_ALONE, NODE_LEN, NOTHING, NearField, TRIANGLE_LEN, VERTEX_LEN},
+    near_field::{BACK_DEPTH, CULL_BACKFACES, NODE_LEN, T_MISS, NearField, TRIANGLE_LEN, VERTEX_LEN},
     rules::{Channels, channel},
 };
 use std::sync::Arc;
@@ -39,7 +39,7 @@ pub(crate) fn source(surface: &SurfaceOfPixel) -> String {
     Source::new()
         .real()
         .part(camera)
-        .number("NOTHING", NOTHING)
+        .number("T_MISS", T_MISS)
         .part(traversal)
         .formula(&RayOfPixel(*surface))
         .formula(&FarReflection)
@@ -52,7 +52,7 @@ pub(crate) fn source(surface: &SurfaceOfPixel) -> String {
 pub(crate) fn traversal(source: Source) -> Source {
     source
         .number("BACK_DEPTH", BACK_DEPTH)
-        .number("FRONTS_ALONE", FRONTS_ALONE)
+        .number("CULL_BACKFACES", CULL_BACKFACES)
         .count("NODE_VECTORS", NODE_LEN / VECTOR)
         .count("TRIANGLE_VECTORS", TRIANGLE_LEN / VECTOR)
         .count("VERTEX_VECTORS", VERTEX_LEN / VECTOR)

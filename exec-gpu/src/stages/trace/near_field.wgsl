@@ -34,7 +34,7 @@ fn position(vertex: u32) -> vec3f {
 // with the first one found and meets backs as well. Without one the distance is `reach`.
 fn hit_within(origin: vec3f, direction: vec3f, reach: f32, any_is_enough: bool) -> Hit {
     let inverse = inverse_direction(direction);
-    let back_depth = select(FRONTS_ALONE, BACK_DEPTH * near_field.offset, any_is_enough);
+    let back_depth = select(CULL_BACKFACES, BACK_DEPTH * near_field.offset, any_is_enough);
     var hit = Hit(reach, 0u, vec2f(0.0));
     var index = 0u;
     while index < near_field.node_count {

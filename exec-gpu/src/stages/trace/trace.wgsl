@@ -43,8 +43,8 @@ fn trace(
         far_reflection(ray.direction, ray.roughness);
         return;
     }
-    let hit = hit_within(ray.origin, ray.direction, NOTHING, false);
-    if hit.distance == NOTHING {
+    let hit = hit_within(ray.origin, ray.direction, T_MISS, false);
+    if hit.distance == T_MISS {
         far_reflection(ray.direction, ray.roughness);
         return;
     }
