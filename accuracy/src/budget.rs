@@ -11,16 +11,16 @@
 //!
 //! The first term is measured in every pixel of a view, on the tiles of that very picture: a sample
 //! of pixels would miss what a cutoff removes elsewhere, and a crop has other tiles, where other
-//! splats are cut. The second term is rounding alone; it is measured in `f64` in a window of each
+//! splats are cut. The second term is only rounding; it is measured in `f64` in a window of each
 //! view and multiplied by `ROUNDING_MARGIN`. A picture is within an error E of T where |P − X| is
 //! at most E less that margin.
 //!
-//! Each parameter is varied alone with all others at their most exact value, then all together,
-//! each at its cheapest value whose own error is within a bound. The bound starts at the whole
-//! error, since errors of parameters seldom add up, and falls until the setting holds in each view
-//! that it was chosen on. The setting is then validated on the other views; where it fails, the
-//! worst of these joins the views that it is chosen on, and the search continues. Costs are
-//! operation counts, so that the choice is the same on every machine and in every run.
+//! Each parameter is varied with all others at their most exact value, then all together, each at
+//! its cheapest value whose own error is within a bound. The bound starts at the whole error, since
+//! errors of parameters seldom add up, and falls until the setting holds in each view that it was
+//! chosen on. The setting is then validated on the other views; where it fails, the worst of these
+//! joins the views that it is chosen on, and the search continues. Costs are operation counts, so
+//! that the choice is the same on every machine and in every run.
 
 use crate::{
     reference::Reference,
@@ -159,7 +159,7 @@ fn largest(numbers: &[f64]) -> f64 {
 ///
 /// # Errors
 ///
-/// [`Refusal::TooClose`] where rounding alone may be as large, [`Refusal::Failed`] where the CPU
+/// [`Refusal::TooClose`] where even the rounding may be as large, [`Refusal::Failed`] where the CPU
 /// executor fails.
 pub fn cheapest_within(subject: &Subject, reference: &Reference, error: f64) -> Result<Certificate, Refusal> {
     let mut trial = Trial::under(subject.clone(), reference)?;
@@ -168,8 +168,8 @@ pub fn cheapest_within(subject: &Subject, reference: &Reference, error: f64) -> 
         .into_iter()
         .map(|camera| MeasuredView::new(&mut trial, subject, &exact, camera))
         .collect::<Result<Vec<_>, _>>()?;
-    let of_views: Vec<f64> = views.par_iter().map(|view| view.rounding(subject, reference)).collect();
-    let rounding = ROUNDING_MARGIN * largest(&of_views);
+    let view_rounding: Vec<f64> = views.par_iter().map(|view| view.rounding(subject, reference)).collect();
+    let rounding = ROUNDING_MARGIN * largest(&view_rounding);
     if rounding >= error {
         return Err(Refusal::TooClose(rounding));
     }
@@ -505,8 +505,8 @@ mod tests {
             [tile_of(&whole, [9, 5], [16, 12]), whole].map(|camera| reference.view(&subject, &camera).colors);
         for k in 0..tile.values.len() {
             let (channel, row, column) = (k / tile.pixel_count(), k / 16 % 12, k % 16);
-            let of_whole = whole.values[channel * whole.pixel_count() + (row + 5) * whole.width + column + 9];
-            assert!((tile.values[k] - of_whole).abs() < SAME, "{} and {of_whole}", tile.values[k]);
+            let whole_value = whole.values[channel * whole.pixel_count() + (row + 5) * whole.width + column + 9];
+            assert!((tile.values[k] - whole_value).abs() < SAME, "{} and {whole_value}", tile.values[k]);
         }
     }
 }

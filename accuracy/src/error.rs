@@ -121,15 +121,15 @@ impl Sums {
         let square = mean_square(&self.differences);
         self.differences.sort_by(f64::total_cmp);
         let place = (count as f64 * (1.0 - LARGEST)) as usize;
-        let of_views = |k: usize| mean(self.similarities.iter().map(|pair| pair[k]).sum(), self.similarities.len());
+        let mean_of = |k: usize| mean(self.similarities.iter().map(|pair| pair[k]).sum(), self.similarities.len());
         Errors {
             max: self.differences.last().copied().unwrap_or(0.0),
             rms: square.sqrt(),
             worst: self.worst,
             relative: (square * count as f64 / self.squares_exact.max(f64::MIN_POSITIVE)).sqrt(),
             psnr: psnr(mean(self.squares_shown, count)),
-            ssim: of_views(0),
-            flip: of_views(1),
+            ssim: mean_of(0),
+            flip: mean_of(1),
             p999: self.differences.get(place.min(count.saturating_sub(1))).copied().unwrap_or(0.0),
             normal_mae: mean(self.angles.iter().sum(), self.angles.len()),
             nonfinite: self.nonfinite,

@@ -307,7 +307,7 @@ impl GaussianShading {
     pub fn channels(&self) -> Channels {
         self.rules.blended(self.layout)
     }
-    /// Tests whether more than the diffuse and residual colour of a Gaussian are read.
+    /// Tests whether shading reads more than the diffuse and residual colour of a Gaussian.
     #[inline(always)]
     pub fn reads_surface(&self) -> bool {
         self.layout.is_shaded() && !self.rules.is_color_alone(self.layout)
@@ -445,15 +445,15 @@ impl GaussianShading {
         out: &mut impl AttributeGrads<R>,
     ) -> PoseGrad<R> {
         let zero = shaded.surface.roughness.zero();
-        let of_tint = terms.tint + channels.vec3(channel::TINT);
-        let [of_diffuse, of_tint] = match shaded.ambient {
+        let grad_tint = terms.tint + channels.vec3(channel::TINT);
+        let [grad_diffuse, grad_tint] = match shaded.ambient {
             Some(ambient) => {
-                let of_reflectances = [terms.diffuse.times(ambient), of_tint];
+                let grad_reflectances = [terms.diffuse.times(ambient), grad_tint];
                 let (albedo, metalness) =
-                    reflectances_vjp(shaded.surface.diffuse, shaded.surface.tint.x, of_reflectances);
+                    reflectances_vjp(shaded.surface.diffuse, shaded.surface.tint.x, grad_reflectances);
                 [albedo, vec3(metalness, zero, zero)]
             }
-            None => [terms.diffuse, of_tint],
+            None => [terms.diffuse, grad_tint],
         };
         let mut grad = SurfaceGrad {
             normal: channels.vec3(channel::NORMAL),
@@ -461,8 +461,8 @@ impl GaussianShading {
             reflection_dir: Vec3::splat(zero),
             view_dir: shaded.harmonics.vjp(planes, self.layout.sh_start(), terms.residual, out),
             n_dot_v: zero,
-            diffuse: of_diffuse,
-            tint: of_tint,
+            diffuse: grad_diffuse,
+            tint: grad_tint,
             roughness: channels.0[channel::ROUGHNESS],
         };
         if let Some((reflection_dir, roughness)) = lookup.specular {

@@ -54,8 +54,8 @@ pub fn offset_of_origin<R: Real>(splat: &Splat2d<R>) -> [R; 2] {
 
 /// Scaled W δ of a pixel: it is linear in the pixel, so W p is added to the origin's.
 #[inline(always)]
-pub fn offset_from<R: Real>(of_origin: [R; 2], [xx, yx, yy]: [R; 3], [x, y]: [R; 2]) -> [R; 2] {
-    [xx.mul_add(x, of_origin[0]), yx.mul_add(x, yy.mul_add(y, of_origin[1]))]
+pub fn offset_from<R: Real>(at_origin: [R; 2], [xx, yx, yy]: [R; 3], [x, y]: [R; 2]) -> [R; 2] {
+    [xx.mul_add(x, at_origin[0]), yx.mul_add(x, yy.mul_add(y, at_origin[1]))]
 }
 
 /// log₂ (opacity · 2^(−|W δ|²)) at a scaled offset; opacities are at most one.

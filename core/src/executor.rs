@@ -473,10 +473,10 @@ pub trait Executor: Renderer {
     where
         Self: Sized,
     {
-        let (grad, of_light) =
+        let (grad, light_grad) =
             self.gaussians_vjp(gaussians, step.camera, splats, light, step.rules, step.weights, grads)?;
         self.optimise(gaussians, moments, grad, step.rates, step.number)?;
-        Ok(of_light)
+        Ok(light_grad)
     }
 
     /// Takes one Adam step for the light. Radiance that is stored without activation is kept

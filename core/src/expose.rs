@@ -33,7 +33,7 @@ pub fn expose_vjp<R: Real>(
     coverage: R,
     grad: Vec3<R>,
 ) -> (Exposure<R>, Vec3<R>, R) {
-    let of_row = |grad: R| [grad * color.x, grad * color.y, grad * color.z, grad * coverage];
+    let grad_row = |grad: R| [grad * color.x, grad * color.y, grad * color.z, grad * coverage];
     let column = |k: usize| vec3(exposure[0][k], exposure[1][k], exposure[2][k]).dot(grad);
-    ([of_row(grad.x), of_row(grad.y), of_row(grad.z)], vec3(column(0), column(1), column(2)), column(3))
+    ([grad_row(grad.x), grad_row(grad.y), grad_row(grad.z)], vec3(column(0), column(1), column(2)), column(3))
 }

@@ -485,7 +485,7 @@ pub fn pixel_color<R: Real>(
     coverage: R,
 ) -> Vec3<R> {
     let [diffuse, specular] = reflected(surface, light);
-    let of_lamps = PixelLight { irradiance: direct.irradiance, specular: Vec3::zero(coverage), ..*light };
-    let [direct_diffuse, _] = reflected(&PixelSurface { base: albedo, ..*surface }, &of_lamps);
+    let lamp_light = PixelLight { irradiance: direct.irradiance, specular: Vec3::zero(coverage), ..*light };
+    let [direct_diffuse, _] = reflected(&PixelSurface { base: albedo, ..*surface }, &lamp_light);
     srgb_color(diffuse + specular + (direct_diffuse + direct.specular)) * coverage
 }

@@ -100,8 +100,8 @@ pub fn encode<R: Real>(direction: Vec3<R>, attenuations: &[R; DEGREES.len()]) ->
                 (below, polynomial) = (polynomial, rise * z * polynomial - fall * below);
             }
             let mut first = 0;
-            for (of_degree, attenuation) in DEGREES.iter().zip(attenuations) {
-                if *of_degree == degree {
+            for (encoded_degree, attenuation) in DEGREES.iter().zip(attenuations) {
+                if *encoded_degree == degree {
                     let harmonic = polynomial * *attenuation;
                     if order == 0 {
                         out[first] = harmonic;
@@ -110,7 +110,7 @@ pub fn encode<R: Real>(direction: Vec3<R>, attenuations: &[R; DEGREES.len()]) ->
                         out[first + 2 * order] = harmonic * sine;
                     }
                 }
-                first += 2 * of_degree + 1;
+                first += 2 * encoded_degree + 1;
             }
         }
     }
@@ -231,15 +231,15 @@ pub fn evaluate_vjp<R: Real>(
 ) {
     let [first, second, third, _] = LAYER_STARTS;
     let [near, far] = &answers.hidden;
-    let of_sums: [R; CHANNELS] =
+    let grad_sums: [R; CHANNELS] =
         core::array::from_fn(|channel| bounded_vjp(answers.sums[channel], NUMBER_MAX, grads[channel]));
-    dense_weights_vjp(far, &of_sums, &mut out[third..]);
-    let of_far: [R; WIDTH] = dense_vjp(&weights[third..], &of_sums);
-    let of_far: [R; WIDTH] = core::array::from_fn(|k| rectify_vjp(far[k], of_far[k]));
-    dense_weights_vjp(near, &of_far, &mut out[second..third]);
-    let of_near: [R; WIDTH] = dense_vjp(&weights[second..third], &of_far);
-    let of_near: [R; WIDTH] = core::array::from_fn(|k| rectify_vjp(near[k], of_near[k]));
-    dense_weights_vjp(encoding, &of_near, &mut out[first..second]);
+    dense_weights_vjp(far, &grad_sums, &mut out[third..]);
+    let grad_far: [R; WIDTH] = dense_vjp(&weights[third..], &grad_sums);
+    let grad_far: [R; WIDTH] = core::array::from_fn(|k| rectify_vjp(far[k], grad_far[k]));
+    dense_weights_vjp(near, &grad_far, &mut out[second..third]);
+    let grad_near: [R; WIDTH] = dense_vjp(&weights[second..third], &grad_far);
+    let grad_near: [R; WIDTH] = core::array::from_fn(|k| rectify_vjp(near[k], grad_near[k]));
+    dense_weights_vjp(encoding, &grad_near, &mut out[first..second]);
 }
 
 /// Stream of the random numbers of initial weights.

@@ -413,10 +413,10 @@ impl<A: AsRef<[f32]>> NearField<A> {
     }
 
     /// Interpolates a vector at a hit from those of the vertices, three numbers each.
-    pub fn between<R: Real>(&self, hit: &Hit<R>, of_vertices: &[f32]) -> Vec3<R> {
+    pub fn between<R: Real>(&self, hit: &Hit<R>, vectors: &[f32]) -> Vec3<R> {
         let [second, third] = hit.weights;
         let vector = |vertex: usize| {
-            let [x, y, z] = [0, 1, 2].map(|k| second.constant(of_vertices[3 * vertex + k]));
+            let [x, y, z] = [0, 1, 2].map(|k| second.constant(vectors[3 * vertex + k]));
             vec3(x, y, z)
         };
         let [a, b, c] = self.corners(hit.triangle).map(vector);
@@ -654,14 +654,14 @@ impl<R: Real> Reflection<R> {
     /// Light of the reflection, from the far light of the pixel and that of the surface that its
     /// ray meets.
     #[inline(always)]
-    pub fn light(&self, own: Vec3<R>, of_near: Vec3<R>) -> Vec3<R> {
-        self.base + own * self.far + self.tint.times(of_near)
+    pub fn light(&self, own: Vec3<R>, second: Vec3<R>) -> Vec3<R> {
+        self.base + own * self.far + self.tint.times(second)
     }
 
     /// The part of [`Reflection::light`] that comes from the surface that the ray meets.
     #[inline(always)]
-    pub fn indirect(&self, of_near: Vec3<R>) -> Vec3<R> {
-        self.base + self.tint.times(of_near)
+    pub fn indirect(&self, second: Vec3<R>) -> Vec3<R> {
+        self.base + self.tint.times(second)
     }
 
     /// Gradient of [`Reflection::light`] with respect to both lights.

@@ -218,8 +218,8 @@ pub fn ray_scale_of_origin<R: Real>(mean2d: [R; 2], slope: [R; 2]) -> R {
 
 /// 1 + l·δ of a pixel: it is linear, so the origin's is added.
 #[inline(always)]
-pub fn ray_scale<R: Real>(of_origin: R, slope: [R; 2], [x, y]: [R; 2]) -> R {
-    slope[0].mul_add(x, slope[1].mul_add(y, of_origin))
+pub fn ray_scale<R: Real>(at_origin: R, slope: [R; 2], [x, y]: [R; 2]) -> R {
+    slope[0].mul_add(x, slope[1].mul_add(y, at_origin))
 }
 
 /// log₂ of a splat's strength from the scaled |W δ|² and 1 + l·δ.

@@ -189,8 +189,8 @@ fn take_step<E: Executor>(
     if step.is_observed {
         exec.observe(statistics, &splats, &grads, step.camera)?;
     }
-    let of_light = exec.update(gaussians, moments, &splats, light.as_ref(), &grads, step)?;
-    let light_grad = light_grad.or(of_light);
+    let gaussian_light_grad = exec.update(gaussians, moments, &splats, light.as_ref(), &grads, step)?;
+    let light_grad = light_grad.or(gaussian_light_grad);
     if let (Some((environment, moments)), Some(light), Some(light_grad)) = (fitted_light, &light, &light_grad) {
         let grad = exec.prefilter_vjp(environment, light, light_grad)?;
         exec.optimise_environment(environment, moments, grad, step.environment_rate, step.radiance_max, step.number)?;
@@ -274,15 +274,15 @@ pub fn view_gradient<E: Executor>(
         if let Some(statistics) = &mut statistics {
             exec.observe(statistics, &splats, &grads, step.camera)?;
         }
-        let (grad, of_light) =
+        let (grad, gaussian_light_grad) =
             exec.gaussians_vjp(gaussians, step.camera, &splats, light.as_ref(), step.rules, step.weights, &grads)?;
-        let light_grad = light_grad.or(of_light);
-        let of_light = match (environment, &light, &light_grad) {
+        let light_grad = light_grad.or(gaussian_light_grad);
+        let environment_grad = match (environment, &light, &light_grad) {
             (Some(environment), Some(light), Some(grad)) => Some(exec.prefilter_vjp(environment, light, grad)?),
             _ => None,
         };
         if let Some(report) = exec.report()? {
-            return Ok((ViewGradient { gaussians: grad, light: of_light, statistics }, report));
+            return Ok((ViewGradient { gaussians: grad, light: environment_grad, statistics }, report));
         }
     }
 }

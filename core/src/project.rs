@@ -58,10 +58,10 @@ impl<R: Real> Shape<R> {
     #[inline(always)]
     pub fn is_finite(&self) -> R::Mask {
         let [w, x, y, z] = self.quat;
-        let of_quat = w.is_finite() & x.is_finite() & y.is_finite() & z.is_finite();
-        let of_attributes =
-            self.mean.is_finite() & self.log_scales.is_finite() & of_quat & self.opacity_logit.is_finite();
-        self.filter.map_or(of_attributes, |filter| of_attributes & filter.is_finite())
+        let is_quat_finite = w.is_finite() & x.is_finite() & y.is_finite() & z.is_finite();
+        let are_attributes_finite =
+            self.mean.is_finite() & self.log_scales.is_finite() & is_quat_finite & self.opacity_logit.is_finite();
+        self.filter.map_or(are_attributes_finite, |filter| are_attributes_finite & filter.is_finite())
     }
     /// The same where the mask holds, zero elsewhere.
     #[inline(always)]

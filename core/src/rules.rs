@@ -160,21 +160,21 @@ impl Channels {
 
     /// Whether a channel of all layers, as [`mod@channel`] numbers them, is among these.
     #[inline(always)]
-    pub const fn contain(self, of_layers: usize) -> bool {
-        self.index_of(of_layers).is_some()
+    pub const fn contain(self, layer: usize) -> bool {
+        self.index_of(layer).is_some()
     }
 
     /// Index among these channels of a channel of all layers, as [`mod@channel`] numbers them;
     /// `None` if it is not blended.
     #[inline(always)]
-    pub const fn index_of(self, of_layers: usize) -> Option<usize> {
+    pub const fn index_of(self, layer: usize) -> Option<usize> {
         match self {
-            Self::Lit => match of_layers {
-                ..channel::DEPTH => Some(of_layers),
-                channel::TINT..channel::DIFFUSE => Some(of_layers - channel::TINT + channel::DEPTH),
+            Self::Lit => match layer {
+                ..channel::DEPTH => Some(layer),
+                channel::TINT..channel::DIFFUSE => Some(layer - channel::TINT + channel::DEPTH),
                 _ => None,
             },
-            _ if of_layers < self.count() => Some(of_layers),
+            _ if layer < self.count() => Some(layer),
             _ => None,
         }
     }

@@ -1,5 +1,5 @@
 //! Pools of memory: the results of stages give their memory back when they are dropped, so a
-//! training allocates nothing once it has met its largest pictures.
+//! training allocates nothing once it has seen its largest pictures.
 
 use core::ops::{Deref, DerefMut};
 use std::{
@@ -35,10 +35,10 @@ impl<T> Default for Pool<T> {
 
 impl<T> Pool<T> {
     fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Vec<T>>> {
-        // The list holds free memory alone, so a panic elsewhere leaves it valid.
+        // The list only holds free memory, so a panic elsewhere leaves it valid.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
-    /// Memory that will be used again.
+    /// Returns memory to the pool.
     pub(crate) fn give(&self, values: Vec<T>) {
         if values.capacity() > 0 {
             self.lock().push(values);
@@ -75,8 +75,8 @@ impl<T> Pool<T> {
 }
 
 impl<T: Copy> Pool<T> {
-    /// A copy of values, in free memory if there is any. Gradients that come from elsewhere are
-    /// given back like those of stages, so that copies have to take what they add.
+    /// Copy of values, in free memory if there is any. Gradients from elsewhere go back to the pool
+    /// like those of stages, so copies have to take from it what they add.
     pub(crate) fn copy_of(&self, values: &[T]) -> Vec<T> {
         let mut copy = self.nearest(values.len()).unwrap_or_default();
         copy.clear();
@@ -96,7 +96,7 @@ impl<T: Copy + Default> Pool<T> {
 }
 
 /// Makes room for more values. Without memory for them it unwinds with [`OutOfMemory`], which a
-/// program can tell as a sentence; an allocation that fails would end it at once.
+/// program can report; a failed allocation would abort it.
 fn grow<T>(values: &mut Vec<T>, more: usize) {
     if values.try_reserve_exact(more).is_err() {
         resume_unwind(Box::new(OutOfMemory { bytes: more.saturating_mul(size_of::<T>()) }));

@@ -1,5 +1,5 @@
 //! Ambient transfer of a surface ([`specula_core::physical`]): the share of the irradiance along
-//! its normal that reaches it past itself, and of what it reflects onto itself.
+//! its normal that reaches it past itself, plus the light that it reflects onto itself.
 //!
 //! With cosine-weighted directions ω_k of a vertex, the radiance L of the sky and L_o of the
 //! surface that a ray meets, at the nearest corner of its triangle ([`crate::sight`]),
@@ -25,7 +25,7 @@ use specula_core::{
 
 /// Largest transfer: light that others reflect is seldom brighter than the sky.
 const TRANSFER_MAX: f32 = 4.0;
-/// Sum of radiances below which nothing is to be transferred.
+/// Sum of radiances below which the transfer is one.
 const DARK: f32 = 1e-6;
 
 /// Transfers of the vertices of a near field, and the share of their rays that meet it.
@@ -38,7 +38,7 @@ pub struct Ambient {
 }
 
 impl Ambient {
-    /// Transfers of every vertex under a sky. Vertices without a normal are in the open.
+    /// Transfers of every vertex under a sky. Vertices without a normal are unoccluded.
     pub fn new(surface: &Surface, sky: &Sky) -> Self {
         let found: Vec<([f32; 3], usize)> = (0..surface.vertex_count)
             .into_par_iter()
@@ -66,8 +66,8 @@ fn transfer(
             Some(other) => {
                 let surface = vertex_surface(near_field.vertex(other));
                 let mirrored = reflect(Real3::from(-direction), normalize_or(surface.normal, Real3::from(-direction)));
-                let of_sky = sky.radiance(mirrored.into());
-                reached += Vec3::from(surface.base).max(Vec3::ZERO) + Vec3::from(surface.tint) * of_sky;
+                let sky_radiance = sky.radiance(mirrored.into());
+                reached += Vec3::from(surface.base).max(Vec3::ZERO) + Vec3::from(surface.tint) * sky_radiance;
                 met += 1;
             }
         }

@@ -17,12 +17,12 @@ use specula_core::{
     vector::Vec3 as Real3,
 };
 
-/// Distance along the normal at which reflected rays start, in voxels: less meets the surface that
+/// Distance along the normal at which reflected rays start, in voxels: less hits the surface that
 /// they start from, whose triangles differ from the depths of a view.
 const OFFSET_VOXELS: f32 = 1.5;
 /// Difference of depths up to which a view sees a vertex, in voxels.
 const VISIBLE_VOXELS: f32 = 2.0;
-/// Share of reflections below which a scene does not reflect itself: contacts of its parts alone.
+/// Share of reflections below which a scene does not reflect itself: only contacts of its parts.
 const SHARE_MIN: f64 = 0.01;
 /// Step between the vertices that are tested for self-reflection.
 const TESTED_EVERY: usize = 7;
@@ -133,8 +133,8 @@ fn arranged(corners: &[[u32; 3]], vertices: &[[f32; VERTEX_LEN]], offset: f32) -
     Some(NearField::of_sizes(sizes, offset, values))
 }
 
-/// The same triangles and vertices in a hierarchy that is built anew; none where there are no
-/// triangles, or one has a vertex that is not there.
+/// Rebuilds the hierarchy of the same triangles and vertices; `None` without triangles, or if one
+/// refers to a vertex that does not exist.
 pub fn rearranged(surface: &NearField<Vec<f32>>) -> Option<NearField<Vec<f32>>> {
     let [triangles, vertices] = [surface.triangles_start(), surface.vertices_start()];
     let vertex_count = surface.vertex_count as f32;
@@ -147,8 +147,8 @@ pub fn rearranged(surface: &NearField<Vec<f32>>) -> Option<NearField<Vec<f32>>> 
     arranged(&corners?, surface.values[vertices..].as_chunks::<VERTEX_LEN>().0, surface.offset)
 }
 
-/// Returns whether reflected rays of a scene meet it: a hundredth of its reflections or more, as
-/// some eyes see them, weighted by tint and by the share of a single ray.
+/// Returns whether reflected rays of a scene hit it: a hundredth of its reflections or more, seen
+/// from some eyes, weighted by tint and by the share of a single ray.
 pub fn reflects_itself(near_field: &NearField<Vec<f32>>, eyes: &[Vec3]) -> bool {
     if eyes.is_empty() {
         return false;

@@ -11,13 +11,13 @@ use std::{env, process::ExitCode, thread};
 
 /// Variable with the seconds after which a rank that does not answer counts as lost.
 const PATIENCE_VARIABLE: &str = "SPECULA_RANK_PATIENCE";
-/// Time for the first rank to print its sentence before another one ends all.
+/// Time for the first rank to print its error before another one ends all.
 const LAST_WORDS: Duration = Duration::from_secs(2);
 /// Exit code of an interrupted training, which all ranks end orderly.
 const INTERRUPTED: u8 = 130;
 
 fn main() -> ExitCode {
-    // The thread that trains is the one that talks.
+    // Only the training thread calls MPI.
     let Some((universe, _)) = mpi::initialize_with_threading(Threading::Funneled) else {
         eprintln!("specula-mpi: MPI cannot be started");
         return ExitCode::FAILURE;

@@ -1,4 +1,4 @@
-//! The renderer that shares no formula with core: against the pipeline, and what must hold of it.
+//! The renderer that shares no formula with core: against the pipeline, and its invariants.
 
 use glam::{DMat3, DQuat, DVec3};
 use specula_core::{
@@ -22,8 +22,8 @@ use specula_oracle::{
     scenes::{camera, random_cloud, random_environment},
 };
 
-/// Core's constants have 32 bits: the exponent is off by a few parts in a hundred million, and what
-/// hangs on it.
+/// Core's constants have 32 bits: the exponent is off by a few parts in a hundred million, and so
+/// is what depends on it.
 const CONSTANTS_OF_CORE: f64 = 2e-7;
 /// A few roundings of `f64`.
 const ROUNDING: f64 = 1e-11;
@@ -284,7 +284,7 @@ fn what_is_strongest_behind_the_eye_or_before_the_near_plane_is_left_out_of_thos
     assert!(seen > 0 && seen < 1200, "some rays come nearest beyond the near plane: {seen}");
 }
 
-/// Written a second time, it must not lean on the first: it knows types of scenes alone.
+/// The renderer is written again and must not depend on core: it only uses types of scenes.
 #[test]
 fn it_names_nothing_of_core_but_scenes_and_cameras() {
     let sources = [

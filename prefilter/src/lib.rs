@@ -1,6 +1,6 @@
-//! The prefilter's operator: light into roughness levels is linear, and its weights depend on the
-//! resolution alone. They are worked out here once, from core's formulas; executors keep them and
-//! apply them.
+//! The prefilter's operator: light into roughness levels is linear, and its weights depend only on
+//! the resolution. They are computed here once, from core's formulas; executors keep them and apply
+//! them.
 //!
 //! A light is a pyramid of means over 2 × 2 texels, finest first (*nodes*); behind it lie the
 //! filtered texels (*rows*); lookups read levels with aprons.
@@ -33,7 +33,7 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 /// Coarsest resolution of the light's pyramid.
 const COARSEST: usize = 4;
-/// Operators with more weights than this are computed anew at each use instead of being kept.
+/// Operators with more weights than this are not stored but computed again at each use.
 const STORED_WEIGHTS_MAX: usize = 1 << 26;
 
 /// Scheme, resolution of the base and kept levels of an operator.
@@ -168,8 +168,8 @@ impl Operator {
         Self::of_levels(scheme, Levels::new(scheme, resolution), kept)
     }
 
-    /// [`Operator::new`], shared within the process: weights of small bases are worked out once for
-    /// the executors that use them by turns.
+    /// [`Operator::new`], shared within the process: weights of small bases are computed once for
+    /// the executors that use them in turns.
     pub fn shared(scheme: PrefilterScheme, resolution: usize, kept: LevelRange) -> Arc<Self> {
         let key = (scheme, resolution, kept);
         let operators = || SHARED.lock().unwrap_or_else(PoisonError::into_inner);
@@ -206,8 +206,8 @@ impl Operator {
             padded_offsets.push(padded_offsets[padded_offsets.len() - 1] + padded_len(block.resolution));
         }
         let nodes = NodeTable::new(2 * resolution);
-        let of_level = |size: usize| (0..size * size).map(move |k| official_texel_weight(k % size, k / size, size));
-        let official_weights = pyramid.iter().flat_map(|(size, _)| of_level(*size)).collect();
+        let level_weights = |size: usize| (0..size * size).map(move |k| official_texel_weight(k % size, k / size, size));
+        let official_weights = pyramid.iter().flat_map(|(size, _)| level_weights(*size)).collect();
         let mut operator = Self {
             scheme,
             resolution,

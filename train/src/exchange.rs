@@ -1,15 +1,15 @@
 //! Messages between the ranks of a training: processes or threads that share its work.
 //!
 //! An [`Exchange`] moves bytes and computes nothing. In particular it offers no sums, whose order a
-//! library would choose: whoever receives numbers uses them in the order of the views
+//! library would choose: a rank uses the numbers that it receives in the order of the views
 //! ([`crate::ranks`]). [`threads`] connects threads of one process and is the reference for all
 //! other exchanges.
 
 use core::{fmt::Debug, time::Duration};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 
-/// Time after which a rank that does not answer counts as lost, unless another is set. Ranks wait
-/// for the first one while it writes a checkpoint or measures test views.
+/// Time after which a rank that does not answer counts as lost, by default. Ranks wait for the
+/// first one while it writes a checkpoint or measures test views.
 pub const RANK_TIMEOUT: Duration = Duration::from_secs(600);
 
 /// Failure of an exchange. The training of this rank ends with it.
@@ -29,7 +29,7 @@ pub enum ExchangeError {
         /// Time that was waited.
         patience: Duration,
     },
-    /// A message of another length than all ranks agree on.
+    /// A message's length differs from the one that all ranks expect.
     #[error("rank {rank} sent {found} bytes in place of {expected}")]
     Length {
         /// Number of the rank.
@@ -39,7 +39,7 @@ pub enum ExchangeError {
         /// Bytes that came.
         found: usize,
     },
-    /// A rank trains something else.
+    /// A rank trains other data or settings.
     #[error(
         "rank {rank} has {what} other than those of rank 0; start all ranks with the same options, pictures and kind of \
          executor"

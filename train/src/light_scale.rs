@@ -1,7 +1,7 @@
 //! Scale of a light whose mean radiance is known.
 //!
 //! A light k times as bright on materials that reflect 1/k of it makes the same picture, so that
-//! photographs of metals alone do not tell them apart. One number does: the mean radiance over all
+//! photographs of only metals cannot distinguish them. One number can: the mean radiance over all
 //! directions, which a matte ball of albedo a shows as its own mean radiance divided by a.
 
 use specula_core::{

@@ -47,7 +47,7 @@ pub struct Held {
 
 impl PictureStore {
     /// Store of pictures with these cameras, which holds `budget` bytes of pixels at most, or a
-    /// single picture that is larger. `open` decodes a view, on one of so many threads.
+    /// single picture that is larger. `open` decodes a view, on one of `decoders` threads.
     ///
     /// # Panics
     ///
@@ -370,7 +370,7 @@ impl Shelf {
                     }
                     return Ok(view);
                 }
-                // Another try decodes it anew.
+                // The next attempt decodes it again.
                 Some(Place::Failed(error)) => {
                     let error = error.clone();
                     state.places.remove(&picture);
@@ -379,7 +379,7 @@ impl Shelf {
                 Some(Place::Opening(_)) => state = self.wait(state),
                 None => {
                     let next = state.next_visits();
-                    // A picture beyond the budget is held alone.
+                    // A picture larger than the budget is held without others.
                     let budget = self.budget.max(self.bytes_to_open(picture));
                     match self.begin(&mut state, picture, budget, 0, &next) {
                         Some(job) => {

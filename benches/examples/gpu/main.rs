@@ -138,11 +138,11 @@ impl Bench {
             (*case, Storage::F16, stages_of_halves),
             (*case, Storage::F32, stages_of_step),
         ]);
-        let of_cpu = reference.step;
-        let [step_ms, cpu_ms, mebibytes] = [step * 1e3, of_cpu * 1e3, memory as f64 / MEBIBYTE];
+        let cpu_step = reference.step;
+        let [step_ms, cpu_ms, mebibytes] = [step * 1e3, cpu_step * 1e3, memory as f64 / MEBIBYTE];
         println!("| {case} | f32 | {in_full} | {step_ms:.2} | {cpu_ms:.2} | {mebibytes:.0} |");
         println!("| {case} | f16 | {halves} | | | |");
-        self.pace = self.pace.max((2.0 * in_full.seconds + step + of_cpu) / case.extent());
+        self.pace = self.pace.max((2.0 * in_full.seconds + step + cpu_step) / case.extent());
         Ok(())
     }
 

@@ -71,8 +71,8 @@ impl Lamps {
     }
 }
 
-/// Finds the light of lamps on the pixels of a frame; one without all layers stays as it is, as
-/// does one without lamps.
+/// Evaluates the direct light of lamps in the pixels of a frame. A frame without all layers, or of
+/// a light without lamps, is returned unchanged.
 pub(crate) fn illuminate(context: &Context, mut surface: Frame, lamps: Option<&Lamps>, camera: &Camera) -> Frame {
     let has_layers = Channels::of_count(surface.channels) == Channels::Layers;
     let Some(lamps) = lamps.filter(|_| has_layers) else { return surface };

@@ -26,7 +26,7 @@ impl<'a, S: Simd> BlendedQuad<'a, S> {
     pub(crate) fn new(simd: S, tile: &'a [Quad], quad: usize) -> Self {
         Self { simd, tile, quad, channels: Channels::of_count(tile.len() / QUADS - 1) }
     }
-    /// A channel; zero if it is left out, which is what nothing needs.
+    /// Loads a channel; zero for one that is not blended, because nothing reads it.
     #[inline(always)]
     pub(crate) fn load(&self, channel: usize) -> Lanes<S> {
         match self.channels.index_of(channel) {

@@ -23,8 +23,8 @@ use specula_core::{
 /// Numbers of a reflection.
 pub(crate) const LEN: usize = Reflection::<f32>::LEN;
 
-/// Traces the pixels of a frame; one without depths stays as it is, as does one without a near
-/// field.
+/// Traces the reflected rays of a frame's pixels. A frame without depths, or of a light without a
+/// near field, is returned unchanged.
 pub(crate) fn trace(
     context: &Context,
     mut surface: Frame,
@@ -79,7 +79,7 @@ fn trace_tile<S: Simd>(
     }
 }
 
-/// Surfaces that rays meet; any where they meet nothing.
+/// Surfaces that rays hit; arbitrary for rays that hit nothing.
 #[inline(always)]
 fn surfaces<S: Simd>(simd: S, near_field: &NearField<Vec<f32>>, hits: &Hits<Lanes<S>>) -> NearSurface<Lanes<S>> {
     let (triangles, all) = (hits.triangle.to_array(), near_field.vertices());

@@ -67,7 +67,7 @@ impl Traits {
 
 /// Index and place of the adapter of a rank, by its number among the ranks of a machine. The first
 /// adapter with `wanted` in its name, of hardware if there is any, decides the backend and whether
-/// drivers compute on the CPU; ranks go round those alike.
+/// drivers compute on the CPU; ranks cycle through the adapters of this kind.
 pub(crate) fn selected(adapters: &[Traits], wanted: &str, rank: usize) -> Option<(usize, Place)> {
     let wanted = wanted.to_lowercase();
     let named = || adapters.iter().enumerate().filter(|(_, adapter)| adapter.name.contains(&wanted));

@@ -16,9 +16,9 @@ const OPENING: f64 = 0.5;
 /// of perceptual roughness ρ sees it from its normal (paper, eq. L_s, for n = ω_o = r, normalised;
 /// D of Walter et al. 2007, eq. 33).
 ///
-/// `radiance` is asked for unit vectors. It may have kinks where a cube map of this resolution has
-/// them, between its texels' centres; elsewhere it should be smooth. Roughness is in \[0, 1\]; at 0
-/// the light comes back as it is.
+/// `radiance` is called with unit vectors. It may have kinks where a cube map of this resolution
+/// has them, between its texels' centres; elsewhere it should be smooth. Roughness is in \[0, 1\];
+/// at 0 the light comes back as it is.
 pub fn filtered<const N: usize>(
     radiance: impl Fn([f64; 3]) -> [f64; N],
     reflection_dir: [f64; 3],

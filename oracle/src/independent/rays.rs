@@ -17,8 +17,7 @@ use specula_core::{camera::Camera, scene::Image};
 
 /// Largest alpha, as the model's 32 bits hold it.
 const ALPHA_MAX: f64 = 0.99_f32 as f64;
-/// Smaller alphas are left out before what is left is sorted: all of a million of them together are
-/// a millionth.
+/// Smaller alphas are skipped before sorting: a million of them together are a millionth.
 const ALPHA_MIN: f64 = 1e-12;
 
 /// Least compensation of a low-pass, squared, as the model's 32 bits hold it.
@@ -145,7 +144,7 @@ struct Root {
     below: [f64; 3],
 }
 
-/// A Gaussian that a ray meets.
+/// Gaussian that a ray hits.
 struct Hit {
     index: usize,
     /// Nearest first.

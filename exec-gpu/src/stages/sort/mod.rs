@@ -217,7 +217,7 @@ mod tests {
                     sorts_as_the_host(&mut context, &vec![(1 << (bits - 1)) - 1; len], bits);
                 }
             }
-            // Bits above those that are sorted by change nothing but go along.
+            // Bits above those that are sorted by change nothing but are moved along.
             let keys: Vec<u32> = random_numbers(5000, 32);
             sorts_as_the_host(&mut context, &keys, 9);
         }

@@ -73,7 +73,7 @@ pub(crate) fn reflection(source: Source) -> Source {
         .formula(&VisibilityOfReflection)
 }
 
-/// `NearField` of `near_field.wgsl`; without nodes no ray meets anything.
+/// `NearField` of `near_field.wgsl`; without nodes rays hit nothing.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct NearFieldUniform {
@@ -108,8 +108,8 @@ pub(crate) fn upload_near_field(
     Ok(Arc::new(near_field.with_values(values)))
 }
 
-/// Traces the reflected rays of all pixels; a frame without depths stays as it is, as does one
-/// without a near field.
+/// Traces the reflected rays of all pixels. A frame without depths, or of a light without a near
+/// field, is returned unchanged.
 ///
 /// # Errors
 ///

@@ -11,7 +11,7 @@
 @group(0) @binding(4) var<storage, read_write> reflections: array<f32>;
 
 var<private> pixel: u32;
-// Vertices of the triangle that was met.
+// Vertices of the triangle that was hit.
 var<private> corners: vec3u;
 
 fn blended(channel: u32) -> f32 {
