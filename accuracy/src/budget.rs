@@ -423,14 +423,14 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_of_nothing_is_exact() {
+    fn an_empty_scene_is_exact() {
         let nothing = Subject { gaussians: random_cloud(0, Layout::shaded(Some(1)), 0), ..subject(LIT, SMALL) };
         let certificate = cheapest(&nothing, 1e-6).expect("there is nothing to get wrong");
         assert_eq!(certificate.tried_on.worst, 0.0, "{certificate:?}");
     }
 
     #[test]
-    fn what_is_allowed_more_error_costs_no_more() {
+    fn a_larger_error_costs_no_more() {
         let subject = subject(4, SMALL);
         let cost = |error: f64| cheapest(&subject, error).expect("it can be met").work[0].cost();
         let costs = [0.001, 0.01, 0.1].map(cost);
@@ -465,7 +465,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_met_is_refused_with_what_can() {
+    fn unreachable_errors_are_refused_with_the_least_reachable_one() {
         let subject = subject(5, SMALL);
         let Err(Refusal::TooClose(least)) = cheapest(&subject, 1e-12) else { panic!("f32 has no 12 digits") };
         assert!(least > 1e-12 && least < 1e-4, "{least}");

@@ -187,13 +187,13 @@ mod tests {
     }
 
     #[test]
-    fn a_single_wrong_pixel_shows_in_the_largest_difference_alone() {
+    fn a_single_wrong_pixel_shows_only_in_the_largest_difference() {
         let errors = errors(|pixel| if pixel == 7 { 0.9 } else { 0.5 });
         assert!((errors.max - 0.4).abs() < ROUNDING && errors.rms < 0.03, "{errors:?}");
     }
 
     #[test]
-    fn what_is_not_finite_is_counted_and_within_nothing() {
+    fn nonfinite_numbers_are_counted_and_within_no_bound() {
         let errors = errors(|pixel| if pixel == 7 { f32::NAN } else { 0.5 });
         assert!(errors.nonfinite == 3 && errors.rms == 0.0 && !errors.is_within(1.0), "{errors:?}");
     }

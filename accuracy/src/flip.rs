@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_differs_wholly() {
+    fn nan_pixels_differ_fully() {
         let grey = picture(|_, _, _| 0.5);
         let mut wrong = grey.clone();
         wrong.values[0] = f64::NAN;

@@ -28,7 +28,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_another_beats_is_not_on_the_front() {
+    fn dominated_points_are_not_on_the_front() {
         let points = [[1.0, 5.0], [2.0, 4.0], [2.0, 4.0], [3.0, 4.5], [4.0, 1.0], [0.5, f64::NAN]];
         assert_eq!(pareto(&points), [0, 1, 4]);
         assert!(pareto(&[]).is_empty());

@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_place_has_a_code_too() {
+    fn nonfinite_points_have_a_code() {
         let bounds = Bounds::NOTHING.with([2.0, f32::NAN, 0.0]).with([2.0, 5.0, f32::INFINITY]);
         assert_eq!(bounds.code([2.0, 5.0, 0.0]), 0, "a flat box has one cell");
         assert_eq!(bounds.code([f32::NAN; 3]), 0, "not a number comes first");

@@ -180,7 +180,7 @@ impl core::fmt::Display for NearFieldError {
 
 impl core::error::Error for NearFieldError {}
 
-/// Triangle that a ray meets first.
+/// Triangle that a ray hits first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit<R> {
     /// Distance along the ray, in lengths of its direction.
@@ -494,7 +494,7 @@ pub fn inverse_direction<R: Real>(direction: Vec3<R>) -> Vec3<R> {
 }
 
 /// Distances at which a ray enters and leaves a box, the first zero inside of it; in this order
-/// where the ray meets the box (slabs; Kay and Kajiya 1986). `inverse` is that of
+/// where the ray hits the box (slabs; Kay and Kajiya 1986). `inverse` is that of
 /// [`inverse_direction`].
 #[inline(always)]
 pub fn box_span<R: Real>(min: Vec3<R>, max: Vec3<R>, origin: Vec3<R>, inverse: Vec3<R>) -> [R; 2] {
@@ -504,7 +504,7 @@ pub fn box_span<R: Real>(min: Vec3<R>, max: Vec3<R>, origin: Vec3<R>, inverse: V
     [enter.max(enter.zero()), leave * (1.0 + BOX_MARGIN)]
 }
 
-/// Place at which a ray meets a triangle.
+/// Place at which a ray hits a triangle.
 #[derive(Clone, Copy, Debug)]
 pub struct Crossing<R> {
     /// Distance along the ray, in lengths of its direction; [`T_MISS`] if the ray misses the
@@ -540,7 +540,7 @@ pub fn crossing<R: Real>([a, b, c]: [Vec3<R>; 3], origin: Vec3<R>, direction: Ve
     Crossing { distance: R::select(is_met, distance, zero.constant(T_MISS)), weights: [u, v] }
 }
 
-/// Surface that a reflected ray meets.
+/// Surface that a reflected ray hits.
 #[derive(Clone, Copy, Debug)]
 pub struct NearSurface<R> {
     /// Normal; of any length.
@@ -588,7 +588,7 @@ pub fn ray_origin<R: Real>(camera: &CameraOf<R>, pixel: &Pixel<R>, depth: R, vie
 /// far light, and the surface that its ray hits.
 #[derive(Clone, Copy, Debug)]
 pub struct Reflection<R> {
-    /// Light of the surface that the ray meets; zero where it meets none.
+    /// Light of the surface that the ray hits; zero for rays that hit none.
     pub base: Vec3<R>,
     /// Share of the far light that this surface reflects; zero where there is none.
     pub tint: Vec3<R>,
@@ -596,7 +596,7 @@ pub struct Reflection<R> {
     pub direction: Vec3<R>,
     /// Roughness of that lookup.
     pub roughness: R,
-    /// Share of the pixel's own far light: 1 where the ray meets nothing.
+    /// Share of the pixel's own far light: 1 where the ray hits nothing.
     pub far: R,
 }
 
@@ -604,7 +604,7 @@ impl<R: Real> Reflection<R> {
     /// Numbers of a reflection: base, tint, direction, roughness, far.
     pub const LEN: usize = 11;
 
-    /// Reflection of a ray that meets nothing.
+    /// Reflection of a ray that hits nothing.
     #[inline(always)]
     pub fn of_far(direction: Vec3<R>, roughness: R) -> Self {
         let none = Vec3::zero(roughness);
@@ -652,13 +652,13 @@ impl<R: Real> Reflection<R> {
     }
 
     /// Light of the reflection, from the far light of the pixel and that of the surface that its
-    /// ray meets.
+    /// ray hits.
     #[inline(always)]
     pub fn light(&self, own: Vec3<R>, second: Vec3<R>) -> Vec3<R> {
         self.base + own * self.far + self.tint.times(second)
     }
 
-    /// The part of [`Reflection::light`] that comes from the surface that the ray meets.
+    /// The part of [`Reflection::light`] that comes from the surface that the ray hits.
     #[inline(always)]
     pub fn indirect(&self, second: Vec3<R>) -> Vec3<R> {
         self.base + self.tint.times(second)

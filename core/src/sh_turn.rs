@@ -87,7 +87,7 @@ mod tests {
         [[1.0, 0.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0], [0.3, -0.5, 0.7, 0.2], [-0.1, 0.9, 0.4, -0.8]];
 
     #[test]
-    fn a_turned_scene_has_towards_turned_directions_the_colours_that_it_had() {
+    fn rotated_harmonics_give_the_old_colours_in_rotated_directions() {
         let coefficients: [f64; MAX_COUNT] = core::array::from_fn(|k| math::sin64(1.0 + 2.3 * k as f64));
         for rotation in TURNS.map(rotation) {
             let turn = turn(rotation);
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn one_turn_after_the_other_is_the_turn_by_both_and_none_changes_nothing() {
+    fn rotations_compose_and_the_identity_changes_nothing() {
         let product =
             |a: &ShTurn, b: &ShTurn, j: usize, k: usize| (0..MAX_COUNT).map(|i| a[j][i] * b[i][k]).sum::<f64>();
         let [one, other] = [rotation(TURNS[2]), rotation(TURNS[3])];

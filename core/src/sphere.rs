@@ -21,7 +21,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn directions_are_of_unit_length_and_none_prevails() {
+    fn directions_have_unit_length_and_a_mean_of_zero() {
         const COUNT: usize = 500;
         let mut sum = [0.0; 3];
         for direction in directions(COUNT) {

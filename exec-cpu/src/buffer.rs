@@ -162,7 +162,7 @@ mod tests {
     use super::{OutOfMemory, Pool};
 
     #[test]
-    fn want_of_memory_can_be_caught() {
+    fn an_out_of_memory_panic_can_be_caught() {
         let taken = std::panic::catch_unwind(|| drop(Pool::<u64>::default().take(usize::MAX >> 5)));
         let payload = taken.expect_err("no system has as much");
         assert!(payload.downcast_ref::<OutOfMemory>().is_some_and(|fault| fault.bytes > 1 << 40));
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_comes_back() {
+    fn dropped_buffers_return_to_the_pool() {
         let pool = Pool::<f32>::default();
         let first = pool.take(1000);
         let address = first.as_ptr();
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_is_cleared_where_it_is_asked_for() {
+    fn cleared_buffers_hold_defaults() {
         let pool = Pool::<f32>::default();
         pool.take(10).fill(1.0);
         assert!(pool.take_cleared(10).iter().all(|x| *x == 0.0), "what the last user left is gone");

@@ -670,7 +670,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_that_is_read_later_is_that_which_is_read_at_once() {
+    fn a_frame_read_later_equals_one_read_at_once() {
         let Some(context) = Context::for_tests() else { return };
         let camera = Camera::look_at([0.0; 3].into(), [0.0, 0.0, 1.0].into(), [0.0, -1.0, 0.0].into(), 0.6, SIZE, SIZE);
         let full = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Color);

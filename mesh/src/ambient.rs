@@ -2,7 +2,7 @@
 //! its normal that reaches it past itself, plus the light that it reflects onto itself.
 //!
 //! With cosine-weighted directions ω_k of a vertex, the radiance L of the sky and L_o of the
-//! surface that a ray meets, at the nearest corner of its triangle ([`crate::sight`]),
+//! surface that a ray hits, at the nearest corner of its triangle ([`crate::sight`]),
 //!
 //! ```text
 //! transfer = Σ_k (L(ω_k) if ω_k meets nothing, else L_o) / Σ_k L(ω_k)
@@ -28,12 +28,12 @@ const TRANSFER_MAX: f32 = 4.0;
 /// Sum of radiances below which the transfer is one.
 const DARK: f32 = 1e-6;
 
-/// Transfers of the vertices of a near field, and the share of their rays that meet it.
+/// Transfers of the vertices of a near field, and the share of their rays that hit it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ambient {
     /// Red, green and blue of each vertex.
     pub transfers: Vec<[f32; 3]>,
-    /// Share of all rays that meet the surface, from 0 to 1.
+    /// Share of all rays that hit the surface, from 0 to 1.
     pub met: f64,
 }
 
@@ -50,7 +50,7 @@ impl Ambient {
     }
 }
 
-/// Transfer of a vertex that looks at others, and its rays that meet the surface.
+/// Transfer of a vertex that looks at others, and its rays that hit the surface.
 fn transfer(
     near_field: &NearField<Vec<f32>>,
     seen: impl Iterator<Item = Option<usize>>,

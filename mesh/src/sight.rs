@@ -21,7 +21,7 @@ const OPEN: u32 = u32::MAX;
 /// Vertices that each vertex of a near field looks at.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sight {
-    /// [`RAYS`] for each vertex: the nearest corner of the triangle that a ray meets.
+    /// [`RAYS`] for each vertex: the nearest corner of the triangle that a ray hits.
     seen: Vec<u32>,
 }
 

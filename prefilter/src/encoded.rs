@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn texels_of_kept_levels_alone_are_encoded() {
+    fn only_texels_of_kept_levels_are_encoded() {
         let all = EncodedTexels::new(32, LevelRange::ALL);
         let count = |range: &Range<usize>| range.len();
         assert_eq!(all.nodes().iter().map(count).sum::<usize>(), all.encodings().len());

@@ -517,7 +517,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn operators_of_one_key_are_shared_until_others_take_their_place() {
+    fn operators_are_shared_by_key_until_others_evict_them() {
         let of_first = |end: usize| Operator::shared(PrefilterScheme::Exact, 16, LevelRange { first: 0, end });
         let first = of_first(1);
         assert!(Arc::ptr_eq(&first, &of_first(1)), "weights are worked out once");

@@ -80,8 +80,8 @@ fn nan_wins(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::INFINITY } else { a.max(b) }
 }
 
-/// A formula is on the device what it is on the host: no result is further from the exact one than
-/// `f32` on the host may be.
+/// Checks that a formula on the device is no further from the exact result than `f32` on the host
+/// may be.
 #[track_caller]
 pub fn assert_same(gpu: &mut GpuExecutor, formula: &impl Formula, rows: &[f32]) {
     let device = gpu.evaluate(formula, rows).expect("the device computes");
@@ -92,8 +92,8 @@ pub fn assert_same(gpu: &mut GpuExecutor, formula: &impl Formula, rows: &[f32]) 
     assert!(excess <= 1.0, "{} is {excess} times as far off as allowed", formula.name());
 }
 
-/// Each formula of some sources of the GPU executor has a case in the source of a test; at least
-/// `count_min` formulas are found.
+/// Checks that each formula of some sources of the GPU executor has a case in the source of a test;
+/// at least `count_min` formulas are found.
 #[track_caller]
 pub fn assert_every_formula_has_a_case(formulas: &[&str], cases: &str, count_min: usize) {
     let cases: String = cases.split_whitespace().collect();

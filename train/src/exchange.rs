@@ -152,7 +152,7 @@ mod tests {
     const AMPLE: Duration = Duration::from_secs(60);
 
     #[test]
-    fn everyone_gets_the_bytes_of_all_in_order() {
+    fn all_gather_returns_the_bytes_of_all_ranks_in_order() {
         let ranks = threads(3, AMPLE);
         let gather = |mut rank: ThreadExchange| rank.all_gather(vec![rank.rank() as u8; rank.rank()]);
         let handles: Vec<_> = ranks.into_iter().map(|rank| thread::spawn(move || gather(rank))).collect();
@@ -163,13 +163,13 @@ mod tests {
     }
 
     #[test]
-    fn one_rank_talks_to_itself() {
-        let mut alone = threads(1, AMPLE).remove(0);
-        assert_eq!(alone.all_gather(vec![7]), Ok(vec![vec![7]]));
+    fn all_gather_of_one_rank_returns_its_own_bytes() {
+        let mut single = threads(1, AMPLE).remove(0);
+        assert_eq!(single.all_gather(vec![7]), Ok(vec![vec![7]]));
     }
 
     #[test]
-    fn what_was_sent_arrives_before_the_end_of_its_sender() {
+    fn messages_arrive_before_the_end_of_their_sender() {
         let mut ranks = threads(2, AMPLE);
         let mut gone = ranks.remove(1);
         gone.send(0, vec![4]).expect("rank 0 is there");
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_waits_for_ever() {
+    fn receiving_from_a_silent_rank_times_out() {
         let patience = Duration::from_millis(20);
         let mut ranks = threads(2, patience);
         let error = ranks[0].receive(1).expect_err("nothing was sent");

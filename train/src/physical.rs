@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn materials_have_the_losses_of_colours_and_of_metalness_alone() {
+    fn materials_have_only_the_losses_of_colours_and_of_metalness() {
         let weights = LossWeights {
             absolute: 0.8,
             dssim: 0.2,

@@ -498,7 +498,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_needed_soon_is_kept() {
+    fn pictures_needed_soon_are_kept() {
         let decoded = Arc::new(AtomicUsize::new(0));
         let count = Arc::clone(&decoded);
         let open = move |index: usize| {
@@ -517,7 +517,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_added_is_not_decoded_and_a_lone_viewer_may_keep_it() {
+    fn added_pictures_are_not_decoded_and_a_single_viewer_may_keep_them() {
         let store =
             PictureStore::new(cameras(2), 3 * PICTURE, 0, |index| Err(PictureError(format!("{index} is away"))));
         store.add(1, view(1));

@@ -698,7 +698,7 @@ mod tests {
     }
 
     #[test]
-    fn objects_have_settings_of_their_own_in_the_default_profile_alone() {
+    fn only_the_default_profile_has_settings_for_objects() {
         for profile in NAMES.map(|name| by_name(name, 1000).expect("a profile")) {
             let objects = profile.clone().for_objects();
             assert_eq!(objects != profile, profile.name == "specula", "{}", profile.name);
@@ -755,7 +755,7 @@ mod tests {
     }
 
     #[test]
-    fn materials_alone_reflect_the_scene_itself_unless_view_dependent_colours_shall() {
+    fn only_materials_reflect_the_scene_unless_view_dependent_colours_shall() {
         let profile = || by_name("specula", 1000).expect("a profile");
         let relightable = profile().relightable();
         assert!(relightable.near_field.is_some() && relightable.reflections == Reflections::Far);

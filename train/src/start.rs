@@ -355,7 +355,7 @@ mod tests {
     use specula_core::color::UNKNOWN;
 
     #[test]
-    fn a_picture_that_shows_nothing_carves_nothing() {
+    fn an_empty_picture_carves_nothing() {
         const CLEAR: [u8; 4] = [9, 9, 9, 0];
         const SOLID: [u8; 4] = [9, 9, 9, 255];
         assert_eq!(Silhouette::of([CLEAR; 64].as_flattened()), None, "nothing is shown");

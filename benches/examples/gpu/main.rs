@@ -3,7 +3,7 @@
 //!
 //! Arguments: part of an adapter's name (empty for any), and how many seconds there are. A case
 //! that would take longer than is left is not begun. With `travel` as the first argument, the
-//! benchmark of a packed folder; with `step`, seconds of steps alone.
+//! benchmark of a packed folder; with `step`, only the seconds of steps.
 
 mod measure;
 mod travel;

@@ -70,7 +70,7 @@ impl Lighting<'_> {
     }
 }
 
-/// Whether a ray of the quad meets a surface that reflects far light.
+/// Whether a ray of the quad hits a surface that reflects far light.
 #[inline(always)]
 fn has_second_lookup<S: Simd>(reflection: &Reflection<Lanes<S>>) -> bool {
     reflection.tint.sum().any_positive()

@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn ranks_go_round_the_hardware_of_a_machine() {
+    fn ranks_cycle_through_the_hardware_of_a_machine() {
         use Backend::{Dx12, Vulkan};
         let adapters = [
             adapter("llvmpipe", Vulkan, true),
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn software_drivers_take_part_where_there_is_no_hardware_alone() {
+    fn software_drivers_are_used_only_without_hardware() {
         let drivers = [adapter("llvmpipe", Backend::Vulkan, true), adapter("swiftshader", Backend::Vulkan, true)];
         assert_eq!(of_ranks(&drivers, ""), [Some(0), Some(1), Some(0)]);
         assert_eq!(of_ranks(&[], ""), [None]);

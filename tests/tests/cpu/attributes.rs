@@ -1,6 +1,6 @@
 //! Values of a Gaussian's channels and losses, and of a light's radiance, from arithmetic that
 //! shares no formula with core. Both executors and the plain pipeline compose them in one place,
-//! `specula_core::attributes`: comparisons between those three hold none of its terms.
+//! `specula_core::attributes`: comparisons between those three check none of its terms.
 
 use glam::{DVec3, Vec3};
 use specula_core::{

@@ -1,5 +1,5 @@
-//! Lamps: what follows from physics and geometry, shadows known in closed form, and pictures
-//! against the plain pipeline.
+//! Lamps: invariants of physics and geometry, shadows known in closed form, and pictures against
+//! the plain pipeline.
 
 use core::f32::consts::PI;
 use glam::Vec3;
@@ -36,7 +36,7 @@ use specula_tests::{
 };
 use specula_train::evaluate::render_view;
 
-/// `f32` on lanes against `f64`: 1e-5 is 100 dB; one of 32 rays of a pixel that meets the other of
+/// `f32` on lanes against `f64`: 1e-5 is 100 dB; one of 32 rays of a pixel that hits the other of
 /// two triangles brings a small picture down to 80 dB.
 const SAME_FRAME: f64 = 75.0;
 /// Rounding of a few dozen operations in `f32`.
@@ -78,7 +78,7 @@ fn above() -> impl Strategy<Value = Vec3> {
 proptest! {
     #![proptest_config(same_every_time())]
 
-    /// Light takes the same way back.
+    /// Reciprocity: light takes the same way back.
     #[test]
     fn reflections_are_reciprocal(to in above(), from in above(), alpha in 0.01..1.0_f32, f0 in 0.0..1.0_f32) {
         prop_assume!(to.z > 0.05 && from.z > 0.05);
@@ -88,8 +88,8 @@ proptest! {
         prop_assert!((there - back).abs() <= 1e-3 * there.max(1e-6), "{there} {back}");
     }
 
-    /// A lamp of no extent, of little and of any is finite from anywhere, behind as well, and
-    /// shines on nothing that faces away from all of it.
+    /// A lamp of any extent, also none, is finite from anywhere, also from behind, and does not
+    /// light surfaces that face away from all of it.
     #[test]
     fn light_is_finite_and_ends_behind_the_horizon(
         position in proptest::array::uniform3(-2.0..2.0_f32),
@@ -132,10 +132,10 @@ proptest! {
         prop_assert!(nearest <= front);
     }
 
-    /// A triangle is met by its back from the depth on, and not from a start that noise put below
+    /// Rays hit the back of a triangle from the depth on, and not from a start that noise put below
     /// its own surface.
     #[test]
-    fn backs_are_met_from_a_depth(
+    fn rays_hit_backs_from_a_depth(
         corners in [unit_vector(), unit_vector(), unit_vector()],
         weights in [0.1..0.4_f32, 0.1..0.4_f32],
         direction in unit_vector(),
@@ -156,7 +156,7 @@ proptest! {
         prop_assert_eq!(found(CULL_BACKFACES), T_MISS);
     }
 
-    /// Rays lead to the lamp's disc, and together they weigh what the disc shines on the surface.
+    /// Rays lead to the lamp's disc, and their weights sum to the disc's irradiance on the surface.
     #[test]
     fn rays_weigh_what_the_disc_shines(direction in above(), sine in 0.0..0.9_f32, column in 0..4000_u16, row in 0..4000_u16) {
         const POINTS: usize = 512;
@@ -272,7 +272,7 @@ fn the_horizon_is_as_blurred_as_the_lamp_is_wide() {
     assert_eq!(horizon(0.25, 0.0), 0.25);
 }
 
-/// Pixels draw numbers of their own, the same in any precision, evenly between 0 and 1.
+/// Each pixel draws its own numbers, the same in any precision, uniform between 0 and 1.
 #[test]
 fn pixels_shift_their_rays_by_numbers_of_their_own() {
     const EDGE: usize = 200;
@@ -430,14 +430,14 @@ fn reflected_light_is_added_to_what_lies_below_a_pixel() {
 }
 
 #[test]
-fn reflected_light_that_is_none_is_refused() {
+fn invalid_reflected_light_is_refused() {
     assert_eq!([check_reflected(2, &[]), check_reflected(2, &[0.5; 6])], [Ok(()); 2]);
     for fault in [vec![0.5; 5], vec![0.5; 9], [vec![0.5; 5], vec![f32::NAN]].concat(), vec![f32::INFINITY; 6]] {
         assert_eq!(check_reflected(2, &fault), Err(LampError::Reflected), "{fault:?}");
     }
 }
 
-/// Lamps that are off, and rules without lamps, change no bit; channels that no one asked for
+/// Lamps that are off, and rules without lamps, change no bit; channels that were not requested
 /// change nothing either.
 #[test]
 fn black_lamps_and_channels_change_no_bit() {
@@ -457,7 +457,7 @@ fn black_lamps_and_channels_change_no_bit() {
     assert_eq!(lit, colors(&subject.picture(Some(&lamps()), &Subject::rules(true, Channels::Layers))));
     assert_eq!(on.blended(subject.gaussians.layout), Channels::Layers, "albedo and depth");
     let view = RenderRules { shading: ShadingRules::DEFERRED, ..on };
-    assert_eq!(view.blended(subject.gaussians.layout), Channels::Lit, "lamps shine on materials alone");
+    assert_eq!(view.blended(subject.gaussians.layout), Channels::Lit, "lamps light only materials");
 }
 
 /// Suns of a million and lamps within the scene, among surfaces with holes and without normals.
@@ -480,13 +480,13 @@ fn pictures_under_any_lamps_are_finite() {
     }
 }
 
-/// A closed box keeps every light outside.
+/// A closed box keeps out all light.
 #[test]
 fn nothing_shines_into_a_closed_box() {
     let mut subject = Subject::new(11);
     subject.environment.values.fill(0.0);
     let mut walls = sphere_of(Vec3::ZERO, 3.0);
-    // Seen from within: rays meet the fronts of triangles alone.
+    // From within: rays hit only the fronts of triangles.
     let triangles = walls.triangles_start()..walls.vertices_start();
     walls.values[triangles].as_chunks_mut::<TRIANGLE_LEN>().0.iter_mut().for_each(|triangle| triangle.swap(1, 2));
     subject.occluder = Some(walls);
@@ -509,7 +509,7 @@ fn pictures_do_not_depend_on_threads() {
     assert!(one.values.iter().zip(&on(3).values).all(|(a, b)| a.to_bits() == b.to_bits()));
 }
 
-/// Lamps shine in the dark; the plan says so, and leaves out what they do not need.
+/// Lamps light a dark scene; the plan includes them, and omits what they do not need.
 #[test]
 fn lamps_are_planned_for_in_the_dark() {
     let mut subject = Subject::new(6);

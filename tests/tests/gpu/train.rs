@@ -88,8 +88,8 @@ fn settings(name: &str) -> Settings {
     settings_for(name, ITERATIONS)
 }
 
-/// Lets the rates of the default profile fall to a tenth, as in trainings of 7000 iterations: how
-/// far the last steps of shorter ones scatter is not what executors are compared by.
+/// Lets the rates of the default profile fall to a tenth, as in trainings of 7000 iterations: the
+/// scatter of the last steps of shorter ones is not to be compared.
 fn settle(profile: &mut Profile, iterations: u32) {
     if profile.name == "specula" {
         profile.rates = profile.rates.falling(0.1, iterations);
@@ -329,10 +329,9 @@ fn a_step_waits_for_the_device_once() {
     let waits = RefCell::new(Vec::new());
     train_with(gpu, settings("specula"), &points(0), 12, |exec, _| waits.borrow_mut().push(exec.gpu().waits()));
     let waits = waits.into_inner();
-    let of_steps: Vec<usize> = waits.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    // The first step cannot go by any other; some may find out that others need more than those
-    // before.
-    assert!(of_steps.iter().filter(|waits| **waits == 1).count() >= 8, "{of_steps:?}");
+    let step_waits: Vec<usize> = waits.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    // The first step has none before it; some may find out that others need more than those before.
+    assert!(step_waits.iter().filter(|waits| **waits == 1).count() >= 8, "{step_waits:?}");
 }
 
 #[test]
@@ -354,9 +353,9 @@ fn a_step_without_room_changes_nothing_and_says_so() {
         let splats = gpu.project(&gaussians, &camera).expect("the device projects");
         gpu.bin_for_step(&splats, &camera).expect("the device sorts");
         let planes = GEOMETRY + 3;
-        let of_splats = upload(&mut gpu, &vec![1.0; count.next_multiple_of(BLOCK) * planes]);
-        let of_splats = SplatGrads::new(3, of_splats);
-        gpu.observe(&mut statistics, &splats, &of_splats, &camera).expect("the device adds");
+        let splat_grads = upload(&mut gpu, &vec![1.0; count.next_multiple_of(BLOCK) * planes]);
+        let splat_grads = SplatGrads::new(3, splat_grads);
+        gpu.observe(&mut statistics, &splats, &splat_grads, &camera).expect("the device adds");
         let grad = Gaussians { count: *count, layout: *layout, values: upload(&mut gpu, &grad) };
         gpu.optimise(&mut gaussians, &mut moments, grad, &vec![0.1; layout.plane_count()], 1).expect("it steps");
         // The first of both finds out how many bits tell depths apart as well.
@@ -376,8 +375,7 @@ fn a_step_without_room_changes_nothing_and_says_so() {
 
 /// Steps until exposures are found: each photograph comes fifteen times.
 const EXPOSED_ITERATIONS: u32 = 300;
-/// By so much unseen views are better at least where it is learned how photographs were exposed, in
-/// dB.
+/// Least gain of unseen views by learned exposures, in dB.
 const GAINED: f64 = 3.0;
 /// Remaining error of an estimated exposure, a root mean square.
 const UNEXPLAINED: f32 = 0.2;
@@ -395,7 +393,7 @@ fn exposure_of(number: usize) -> Exposure<f32> {
     [0, 1, 2].map(|row| [0, 1, 2, 3].map(|k| entry(row, k)))
 }
 
-/// The mean of how the photographs that are learned from were exposed.
+/// Mean exposure of the training photographs.
 fn mean_exposure() -> Exposure<f32> {
     let mut mean = [[0.0; 4]; 3];
     for number in 1..=VIEWS {
@@ -426,8 +424,8 @@ fn photograph(number: usize, exposure: &Exposure<f32>) -> View {
     view
 }
 
-/// By how much photographs differ from what the scene and the exposures that were found say, as a
-/// share of how they differ from the scene alone.
+/// Difference of the photographs from the scene under the exposures that were found, as a share of
+/// their difference from the scene.
 fn unexplained(found: &[Exposure<f32>]) -> f32 {
     let mean = mean_exposure();
     let (mut rest, mut all) = (0.0, 0.0);
@@ -444,7 +442,7 @@ fn unexplained(found: &[Exposure<f32>]) -> f32 {
 }
 
 #[test]
-fn exposures_are_found_and_leave_the_scene_its_look() {
+fn exposures_are_found_and_leave_the_scene_unchanged() {
     let mean = mean_exposure();
     let differently: Vec<View> = (1..=VIEWS).map(|number| photograph(number, &exposure_of(number))).collect();
     let unseen: Vec<View> = (VIEWS + 1..=VIEWS + UNSEEN).map(|number| photograph(number, &mean)).collect();

@@ -48,7 +48,7 @@ pub(crate) fn source(surface: &SurfaceOfPixel) -> String {
         .text()
 }
 
-/// Appends the near field at the bindings 1 and 3, and the triangle that a ray meets first.
+/// Appends the near field at the bindings 1 and 3, and the triangle that a ray hits first.
 pub(crate) fn traversal(source: Source) -> Source {
     source
         .number("BACK_DEPTH", BACK_DEPTH)

@@ -1,4 +1,4 @@
-// Declarations: near field, and the triangle that a ray meets first.
+// Declarations: near field, and the triangle that a ray hits first.
 
 struct NearField {
     node_count: u32,
@@ -8,7 +8,7 @@ struct NearField {
     offset: f32,
 }
 
-// Triangle that a ray meets.
+// Triangle that a ray hits.
 struct Hit {
     distance: f32,
     triangle: u32,

@@ -1,4 +1,4 @@
-//! Textbook forms beside the robust ones: each breaks a guarantee that ours keeps.
+//! Textbook forms beside the robust ones: each breaks a guarantee that core keeps.
 
 use super::{
     blending, numbers,
