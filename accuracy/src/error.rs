@@ -152,18 +152,18 @@ mod tests {
     const ROUNDING: f64 = 1e-6;
 
     /// A fully covered grey view that faces +z, and its exact picture.
-    fn view(of_pixel: impl Fn(usize) -> f32) -> (Image<Vec<f32>>, Exact) {
+    fn view(value_of: impl Fn(usize) -> f32) -> (Image<Vec<f32>>, Exact) {
         let pixels = SIZE * SIZE;
         let mut values = vec![0.0; 9 * pixels];
-        (0..3 * pixels).for_each(|k| values[k] = of_pixel(k % pixels));
+        (0..3 * pixels).for_each(|k| values[k] = value_of(k % pixels));
         values[5 * pixels..6 * pixels].fill(1.0);
         let picture = Image { width: SIZE, height: SIZE, channels: 9, values };
         let colors = Image { width: SIZE, height: SIZE, channels: 3, values: vec![0.5; 3 * pixels] };
         (picture, Exact { colors, normals: vec![[0.0, 0.0, 1.0]; pixels], coverage: vec![1.0; pixels] })
     }
 
-    fn errors(of_pixel: impl Fn(usize) -> f32) -> Errors {
-        let (picture, exact) = view(of_pixel);
+    fn errors(value_of: impl Fn(usize) -> f32) -> Errors {
+        let (picture, exact) = view(value_of);
         let mut sums = Sums::default();
         sums.add(&picture, &exact, [0.0; 3]);
         sums.errors()

@@ -679,8 +679,8 @@ pub fn is_traced<R: Real>(coverage: R, roughness: R) -> R::Mask {
 }
 
 /// Weight of the surface that a single ray hits, in the reflection of a surface of some roughness:
-/// 1 for mirrors, falling smoothly to 0 between [`NEAR_ROUGHNESS_START`] and [`NEAR_ROUGHNESS_END`], since a single ray does
-/// not represent a wide lobe.
+/// 1 for mirrors, falling smoothly to 0 between [`NEAR_ROUGHNESS_START`] and
+/// [`NEAR_ROUGHNESS_END`], since a single ray does not represent a wide lobe.
 #[inline(always)]
 pub fn share_of_near<R: Real>(roughness: R) -> R {
     let x = ((roughness - NEAR_ROUGHNESS_START) / (NEAR_ROUGHNESS_END - NEAR_ROUGHNESS_START)).clamp(0.0, 1.0);

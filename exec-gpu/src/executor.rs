@@ -577,7 +577,8 @@ impl Executor for GpuExecutor {
         let (mut counts, mut loss, mut exposure) = (StepCounts::default(), LossReport::default(), None);
         self.context.read(&parts, |bytes| {
             let (counter_bytes, sums) = bytes.split_at(4 * self.counters.array().len());
-            let (loss_bytes, exposure_bytes) = sums.split_at(losses.as_ref().map_or(0, |losses| 4 * losses.sums().len()));
+            let (loss_bytes, exposure_bytes) =
+                sums.split_at(losses.as_ref().map_or(0, |losses| 4 * losses.sums().len()));
             let numbers = bytemuck::pod_collect_to_vec::<u8, f32>;
             counts = StepCounts::new(&bytemuck::pod_collect_to_vec::<u8, u32>(counter_bytes));
             loss = losses.as_ref().map_or(loss, |losses| losses.report(&numbers(loss_bytes)));

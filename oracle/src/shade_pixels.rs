@@ -200,7 +200,8 @@ pub fn shade_pixels_vjp<R: Number>(
             look_up_vjp(light, reflection.direction, reflection.roughness, grad_near, light_grad);
             if let (Some((facing, _)), Some(grad_physical)) = (&lit.physical, grad_physical) {
                 let (normal, _) = look_up_vjp(light, facing.normal, R::of(1.0), grad_physical.irradiance, light_grad);
-                let [n_dot_v, grad_roughness] = split_sum_vjp(facing.n_dot_v, lit.surface.roughness, grad_physical.split_sum);
+                let [n_dot_v, grad_roughness] =
+                    split_sum_vjp(facing.n_dot_v, lit.surface.roughness, grad_physical.split_sum);
                 grad_surface.roughness = grad_surface.roughness + grad_roughness;
                 grad_facing = pixel_facing_vjp(&lit.pixel, lit.view_dir, &PixelFacing { normal, n_dot_v });
             }

@@ -206,7 +206,8 @@ impl Operator {
             padded_offsets.push(padded_offsets[padded_offsets.len() - 1] + padded_len(block.resolution));
         }
         let nodes = NodeTable::new(2 * resolution);
-        let level_weights = |size: usize| (0..size * size).map(move |k| official_texel_weight(k % size, k / size, size));
+        let level_weights =
+            |size: usize| (0..size * size).map(move |k| official_texel_weight(k % size, k / size, size));
         let official_weights = pyramid.iter().flat_map(|(size, _)| level_weights(*size)).collect();
         let mut operator = Self {
             scheme,
@@ -518,12 +519,12 @@ mod tests {
 
     #[test]
     fn operators_are_shared_by_key_until_others_evict_them() {
-        let of_first = |end: usize| Operator::shared(PrefilterScheme::Exact, 16, LevelRange { first: 0, end });
-        let first = of_first(1);
-        assert!(Arc::ptr_eq(&first, &of_first(1)), "weights are worked out once");
-        assert!(!Arc::ptr_eq(&first, &of_first(2)), "other levels have other weights");
-        (2..2 + SHARED_MAX).for_each(|end| drop(of_first(end)));
-        assert!(!Arc::ptr_eq(&first, &of_first(1)), "no more than {SHARED_MAX} are kept");
+        let shared_operator = |end: usize| Operator::shared(PrefilterScheme::Exact, 16, LevelRange { first: 0, end });
+        let first = shared_operator(1);
+        assert!(Arc::ptr_eq(&first, &shared_operator(1)), "weights are worked out once");
+        assert!(!Arc::ptr_eq(&first, &shared_operator(2)), "other levels have other weights");
+        (2..2 + SHARED_MAX).for_each(|end| drop(shared_operator(end)));
+        assert!(!Arc::ptr_eq(&first, &shared_operator(1)), "no more than {SHARED_MAX} are kept");
         let fine = || Operator::shared(PrefilterScheme::Exact, 2 * SHARED_RESOLUTION_MAX, LevelRange::NONE);
         assert!(!Arc::ptr_eq(&fine(), &fine()), "large ones belong to their executors");
     }

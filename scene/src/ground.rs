@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use specula_core::{
     camera::Camera,
     lamps::{Lamp, LampOf, disc_axes, horizon, seen_share, shadow_ray, shift, spiral_point, toward},
-    near_field::{T_MISS, NearField},
+    near_field::{NearField, T_MISS},
     scene::Environment,
     sphere::directions,
 };

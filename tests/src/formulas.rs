@@ -67,13 +67,13 @@ fn on_host<R: Real>(formula: &impl Formula, rows: &[f32], number: impl Fn(f32) -
 fn excess(device: &[f32], host: &[f32], exact: &[f64]) -> f64 {
     let height = exact.len() / ROWS;
     let column = |k: usize| (k..exact.len()).step_by(height);
-    let of_result = |k: usize| {
+    let worst_of_result = |k: usize| {
         let scale = column(k).map(|i| exact[i].abs()).fold(f64::MIN_POSITIVE, f64::max);
         let rounding = column(k).map(|i| (f64::from(host[i]) - exact[i]).abs()).fold(0.0, f64::max);
         let allowed = WORSE_ROUNDING * rounding + LAST_PLACES * scale;
         column(k).map(|i| (f64::from(device[i]) - exact[i]).abs() / allowed).fold(0.0, nan_wins)
     };
-    (0..height).map(of_result).fold(0.0, nan_wins)
+    (0..height).map(worst_of_result).fold(0.0, nan_wins)
 }
 
 fn nan_wins(a: f64, b: f64) -> f64 {
@@ -98,9 +98,9 @@ pub fn assert_same(gpu: &mut GpuExecutor, formula: &impl Formula, rows: &[f32]) 
 pub fn assert_every_formula_has_a_case(formulas: &[&str], cases: &str, count_min: usize) {
     let cases: String = cases.split_whitespace().collect();
     let formulas = formulas.concat();
-    let of_macros = formulas.split("formula!(").skip(1);
-    let of_impls = formulas.split("\nimpl").filter_map(|rest| rest.split_once(" Formula for ")).map(|(_, rest)| rest);
-    let names = of_macros.chain(of_impls).filter_map(|rest| rest.split([',', ' ', '<']).next());
+    let macro_formulas = formulas.split("formula!(").skip(1);
+    let impl_formulas = formulas.split("\nimpl").filter_map(|rest| rest.split_once(" Formula for ")).map(|(_, rest)| rest);
+    let names = macro_formulas.chain(impl_formulas).filter_map(|rest| rest.split([',', ' ', '<']).next());
     let count = names.inspect(|name| {
         assert!(cases.contains(&format!("assert_same(gpu,&{name}")), "{name} has no case on the device");
     });

@@ -591,8 +591,11 @@ impl Profile {
         let held = [Schedule::constant(0.0); 2];
         let normal_residual = if done < self.normal_residuals_from { held } else { self.rates.normal_residual };
         let lr_decay_factor = self.lr_decay_factor(done);
-        let cooled =
-            |schedule: Schedule| Schedule { first: lr_decay_factor * schedule.first, last: lr_decay_factor * schedule.last, ..schedule };
+        let cooled = |schedule: Schedule| Schedule {
+            first: lr_decay_factor * schedule.first,
+            last: lr_decay_factor * schedule.last,
+            ..schedule
+        };
         Rates { normal_residual, ..self.rates }.map(cooled)
     }
 

@@ -87,7 +87,8 @@ fn tile_vjp<S: Simd>(
         let (color, coverage) = color_and_coverage(simd, frame, slot, quad);
         let channel = |c: usize| Lanes::load(simd, &grad[at(channels, quad, c)]);
         let (grad_photograph, grad_passed) = (vec3(channel(0), channel(1), channel(2)), channel(channels));
-        let (grad_exposure, grad_color, grad_coverage) = expose::expose_vjp(&exposure, color, coverage, grad_photograph);
+        let (grad_exposure, grad_color, grad_coverage) =
+            expose::expose_vjp(&exposure, color, coverage, grad_photograph);
         for (sum, grad) in sums.as_flattened_mut().iter_mut().zip(grad_exposure.as_flattened()) {
             *sum = *sum + *grad;
         }

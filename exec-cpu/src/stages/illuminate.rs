@@ -16,7 +16,7 @@ use specula_core::{
         self, DirectLight, Lamp, LampOf, LitPixel, Toward, direct_light, disc_axes, lit_pixel, seen_share, shadow_ray,
         shift, spiral_point, toward,
     },
-    near_field::{T_DONE, Hit, T_MISS, NearField},
+    near_field::{Hit, NearField, T_DONE, T_MISS},
     real::{AnyLane, Real},
     rules::{Channels, channel},
     scene::BLOCK,

@@ -52,7 +52,9 @@ pub(crate) fn evaluate_all_vjp(
         let range_encodings;
         (range_encodings, encodings) = encodings.split_at(range.len());
         let texels = nodes[range.clone()].chunks(PART).zip(grads[range].chunks(PART));
-        tasks.extend(range_encodings.chunks(PART).zip(texels).map(|(encodings, (nodes, grads))| (encodings, nodes, grads)));
+        tasks.extend(
+            range_encodings.chunks(PART).zip(texels).map(|(encodings, (nodes, grads))| (encodings, nodes, grads)),
+        );
     }
     let mut sums = context.take_cleared::<f32>(tasks.len() * WEIGHT_COUNT);
     sums.par_chunks_mut(WEIGHT_COUNT).zip(&tasks).for_each(|(sums, (encodings, nodes, grads))| {
@@ -84,7 +86,7 @@ fn evaluate_part_vjp(
         if grad[..CHANNELS] == [0.0; CHANNELS] {
             continue;
         }
-        let of_numbers = core::array::from_fn(|c| radiance_vjp(RadianceActivation::Network, node[c], grad[c]));
-        evaluate_vjp(weights, encoding, &evaluate(weights, encoding), of_numbers, sums);
+        let grad_numbers = core::array::from_fn(|c| radiance_vjp(RadianceActivation::Network, node[c], grad[c]));
+        evaluate_vjp(weights, encoding, &evaluate(weights, encoding), grad_numbers, sums);
     }
 }

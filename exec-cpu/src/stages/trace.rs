@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
     near_field::{
-        T_DONE, Hits, T_MISS, NearField, NearSurface, Reflection, VERTEX_LEN, is_traced, ray_origin, surface_within,
+        Hits, NearField, NearSurface, Reflection, T_DONE, T_MISS, VERTEX_LEN, is_traced, ray_origin, surface_within,
         vertex_surface,
     },
     real::{AnyLane, Real},
@@ -64,8 +64,7 @@ fn trace_tile<S: Simd>(
         let depth = BlendedQuad::new(simd, tile, quad).load(channel::DEPTH);
         let start = ray_origin(camera, &pixel, depth, view_dir, depth.constant(near_field.offset));
         let (direction, roughness) = (surface.reflection_dir, surface.roughness);
-        let reach =
-            Lanes::select(is_traced(pixel.coverage, roughness), depth.constant(T_MISS), depth.constant(T_DONE));
+        let reach = Lanes::select(is_traced(pixel.coverage, roughness), depth.constant(T_MISS), depth.constant(T_DONE));
         let hits = near_field.first_hits(start, direction, reach);
         let far = Reflection::of_far(direction, roughness);
         let is_near = hits.is_hit();

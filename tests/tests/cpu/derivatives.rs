@@ -417,14 +417,14 @@ proptest! {
     /// From behind, too, where n·v is kept at its least.
     #[test]
     fn orientations_of_pixels_are_derived_right(normal in unit_vector(), size in 0.1..1.0_f64, view_dir in unit_vector()) {
-        let of_normal = |x: &[Dual]| {
+        let facing_of = |x: &[Dual]| {
             let none = [Dual::of(0.5); 11];
             let facing = physical::pixel_facing(&Pixel { normal: take3(x), ..blended(&none) }, vector(view_dir));
             join(&[&facing.normal.to_array(), &[facing.n_dot_v]])
         };
         assert_vjp(
             &normal.map(|x| x * size),
-            of_normal,
+            facing_of,
             |x, g| {
                 let pixel = Pixel { normal: take3(x), ..blended(&[Double(0.5); 11]) };
                 let grad = PixelFacing { normal: take3(g), n_dot_v: g[3] };
@@ -652,10 +652,10 @@ proptest! {
     }
 
     #[test]
-    fn limited_values_are_derived_right(numbers in vec(-2.0..2.0_f64, 3), of_limit in -2.0..2.0_f64) {
-        prop_assume!((of_limit.abs() - 1.0).abs() > 1e-3);
+    fn limited_values_are_derived_right(numbers in vec(-2.0..2.0_f64, 3), share_of_limit in -2.0..2.0_f64) {
+        prop_assume!((share_of_limit.abs() - 1.0).abs() > 1e-3);
         let mut colors = numbers;
-        colors[0] = of_limit * f64::from(color::COLOR_MAX);
+        colors[0] = share_of_limit * f64::from(color::COLOR_MAX);
         assert_vjp(
             &colors,
             |x| color::limited(take3(x)).to_array().to_vec(),

@@ -14,7 +14,7 @@ use specula_core::{
         DirectLight, LAMPS_MAX, LIGHT_MAX, Lamp, LampError, LampOf, LitPixel, RAYS_MAX, Toward, check, check_reflected,
         direct_light, disc_axes, horizon, seen_share, shadow_ray, shift, specular, spiral_point, toward,
     },
-    near_field::{BACK_DEPTH, CULL_BACKFACES, T_MISS, NearField, TRIANGLE_LEN, crossing},
+    near_field::{BACK_DEPTH, CULL_BACKFACES, NearField, T_MISS, TRIANGLE_LEN, crossing},
     physical::PixelFacing,
     plan::{Needs, Plan, Unlit},
     prefilter::{LevelRange, Levels, PrefilterScheme},
@@ -618,8 +618,8 @@ fn the_shadow_of_a_sphere_on_a_plane_has_the_known_boundary() {
                 Lamp::Sun { direction, .. } => Vec3::from(direction),
                 Lamp::Sphere { position, .. } => Vec3::from(position) - at,
             };
-            let [between, of_sphere] = angles(at, center, radius, to_lamp);
-            let (ours, theirs) = (*share < 0.5, between < of_sphere);
+            let [between, sphere_radius] = angles(at, center, radius, to_lamp);
+            let (ours, theirs) = (*share < 0.5, between < sphere_radius);
             both += u32::from(ours && theirs);
             any += u32::from(ours || theirs);
         }
@@ -638,14 +638,14 @@ fn soft_shadows_have_the_known_umbra_and_penumbra() {
     let mut counts = [0_u32; 3];
     let mut worst = 0.0_f32;
     for (share, at) in shares.iter().zip(points) {
-        let [between, of_sphere] = angles(at, center, radius, direction);
+        let [between, sphere_radius] = angles(at, center, radius, direction);
         // Half a pixel, as an angle from the plane.
         const MARGIN: f32 = 0.03;
-        let expected = overlap(between, of_sphere, 0.5 * diameter);
-        if between > of_sphere + 0.5 * diameter + MARGIN {
+        let expected = overlap(between, sphere_radius, 0.5 * diameter);
+        if between > sphere_radius + 0.5 * diameter + MARGIN {
             assert!((share - 1.0).abs() < ROUNDING, "{share} in the light");
             counts[0] += 1;
-        } else if between < of_sphere - 0.5 * diameter - MARGIN {
+        } else if between < sphere_radius - 0.5 * diameter - MARGIN {
             assert_eq!(*share, 0.0, "in the umbra");
             counts[1] += 1;
         } else {

@@ -84,11 +84,11 @@ fn harmonics_of_a_degree_depend_only_on_the_angle_between_directions() {
     let none = [Double(1.0); DEGREES.len()];
     let vectors: Vec<_> = unit_vectors(40).collect();
     for (a, b) in vectors.iter().zip(vectors.iter().rev()) {
-        let (of_a, of_b) = (encode(*a, &none), encode(*b, &none));
+        let (encoded_a, encoded_b) = (encode(*a, &none), encode(*b, &none));
         let mut first = 0;
         for degree in DEGREES {
             let range = first..first + 2 * degree + 1;
-            let sum: f64 = range.clone().map(|k| of_a[k].0 * of_b[k].0).sum();
+            let sum: f64 = range.clone().map(|k| encoded_a[k].0 * encoded_b[k].0).sum();
             let count = (2 * degree + 1) as f64;
             assert_close(sum, count * legendre(degree, a.dot(*b).0), 1e-10 * count);
             first = range.end;

@@ -10,8 +10,8 @@ use specula_core::{
     double::Double,
     executor::Renderer,
     near_field::{
-        NEAR_ROUGHNESS_END, T_DONE, CULL_BACKFACES, Hit, INDEX_MAX, NODE_LEN, T_MISS, NearField, NearFieldError, NearSurface,
-        Reflection, NEAR_ROUGHNESS_START, crossing, share_of_near, vertex_surface,
+        CULL_BACKFACES, Hit, INDEX_MAX, NEAR_ROUGHNESS_END, NEAR_ROUGHNESS_START, NODE_LEN, NearField, NearFieldError,
+        NearSurface, Reflection, T_DONE, T_MISS, crossing, share_of_near, vertex_surface,
     },
     pipeline::render,
     prefilter::{LevelRange, PrefilterScheme},

@@ -73,7 +73,7 @@ fn off_at_centres(map: &CubeMap<1>, is_looked_at: impl Fn([f64; 3]) -> bool) -> 
     let values = map.texels.iter().flat_map(|[x]| [*x as f32; 3]).collect();
     let environment = Environment { resolution: BASE, activation: RadianceActivation::Identity, values };
     let light = CpuExecutor::new().prefilter_into(&environment, PrefilterScheme::Exact, levels).expect("it fits");
-    let of_level = |(number, level): (usize, &Level)| {
+    let level_error = |(number, level): (usize, &Level)| {
         let (size, faces) = (level.resolution, light.faces(number));
         let centre = |k: usize| (k, texel_direction(k / (size * size), k % size, k / size % size, size));
         let places: Vec<_> = (0..6 * size * size).map(centre).filter(|(_, dir)| is_looked_at(*dir)).collect();
@@ -83,7 +83,7 @@ fn off_at_centres(map: &CubeMap<1>, is_looked_at: impl Fn([f64; 3]) -> bool) -> 
         };
         places.par_iter().map(off).reduce(|| 0.0, f64::max)
     };
-    levels.as_slice().iter().enumerate().skip(1).map(of_level).collect()
+    levels.as_slice().iter().enumerate().skip(1).map(level_error).collect()
 }
 
 /// A sun is not smooth over nodes that stand for many texels, as `specula prefilter --help` notes.

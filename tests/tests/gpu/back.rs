@@ -307,13 +307,13 @@ fn difference(actual: &[f32], expected: &[f64], count: usize, kinds: &[usize]) -
         *first = own.end;
         Some(own)
     });
-    let of_group = |group: core::ops::Range<usize>| {
+    let group_difference = |group: core::ops::Range<usize>| {
         let places = || (0..count).flat_map(|g| group.clone().map(move |plane| place(g, planes, plane)));
         let actual: Vec<f64> = places().map(|k| f64::from(actual[k])).collect();
         let expected: Vec<f64> = places().map(|k| expected[k]).collect();
         relative_difference(&actual, &expected)
     };
-    groups.map(of_group).fold(0.0, f64::max)
+    groups.map(group_difference).fold(0.0, f64::max)
 }
 
 /// Groups of planes in a splat's gradient.

@@ -111,8 +111,8 @@ fn faults(gpu: &mut GpuExecutor, cpu: &mut CpuExecutor, case: &Case, shading: Sh
             faults.push(format!("{what}: {loose} of the {list} hang on rounding"));
         }
         if excess > 1.0 {
-            let of_list = format!("number {k} of the {list} is {} and not {}", actual[k], expected[k]);
-            faults.push(format!("{what}: {of_list}, {excess:.1} times as far off as allowed"));
+            let list_fault = format!("number {k} of the {list} is {} and not {}", actual[k], expected[k]);
+            faults.push(format!("{what}: {list_fault}, {excess:.1} times as far off as allowed"));
         }
     }
     if (ours.nonfinite, theirs.nonfinite) != (0, 0) {

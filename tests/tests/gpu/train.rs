@@ -197,8 +197,8 @@ fn trainings_that_densify_end_as_good_as_they_do_when_their_points_are_moved_a_l
     println!("{ours:.3} and {qualities:.3?} dB, {} and {counts:?} Gaussians", grown.gaussians.count);
     let [least, most] = within(low, high);
     assert!(least < ours && ours < most, "{ours} dB on the GPU, {qualities:?} on the CPU");
-    let of_counts = counts.iter().map(|count| *count as f64);
-    let [least, most] = within(of_counts.clone().fold(f64::INFINITY, f64::min), of_counts.fold(0.0, f64::max));
+    let wide_counts = counts.iter().map(|count| *count as f64);
+    let [least, most] = within(wide_counts.clone().fold(f64::INFINITY, f64::min), wide_counts.fold(0.0, f64::max));
     let count = grown.gaussians.count as f64;
     assert!(least < count && count < most, "{count} Gaussians on the GPU, {counts:?} on the CPU");
 }

@@ -97,8 +97,7 @@ impl Comparison<'_> {
             read_target(simd, &target.quads[(position[1] * target.columns + position[0]) * QUADS + quad]);
         let share = |weight: f32, values: usize| inside * (weight / (values * self.pixel_count()) as f32);
         let (share_absolute, share_squared) = (share(weights.absolute, 3), share(weights.squared, 3));
-        let load =
-            |slot: usize, channel: usize| Lanes::load(simd, &frame.tile(slot)[at(channels, quad, channel)]);
+        let load = |slot: usize, channel: usize| Lanes::load(simd, &frame.tile(slot)[at(channels, quad, channel)]);
         let passed = match slot {
             Some(slot) => load(slot, channels),
             None => inside.constant(1.0),
@@ -115,7 +114,8 @@ impl Comparison<'_> {
             sums[0] = sums[0] + absolute(rendered, truth);
             sums[1] = sums[1] + squared(rendered, truth);
             if let Some(grad) = &mut grad {
-                let color_grad = absolute_vjp(rendered, truth, share_absolute) + squared_vjp(rendered, truth, share_squared);
+                let color_grad =
+                    absolute_vjp(rendered, truth, share_absolute) + squared_vjp(rendered, truth, share_squared);
                 color_grad.store(&mut grad[at(channels, quad, c)]);
             }
             (pixels[plane::RENDERED + c], pixels[plane::TRUTH + c]) = (rendered, truth);

@@ -24,7 +24,7 @@ use formulas::{
 };
 use specula_core::{
     camera::Camera,
-    near_field::{BACK_DEPTH, CULL_BACKFACES, NODE_LEN, T_MISS, NearField, TRIANGLE_LEN, VERTEX_LEN},
+    near_field::{BACK_DEPTH, CULL_BACKFACES, NODE_LEN, NearField, T_MISS, TRIANGLE_LEN, VERTEX_LEN},
     rules::{Channels, channel},
 };
 use std::sync::Arc;
