@@ -17,7 +17,7 @@ pub fn pareto(points: &[[f64; 2]]) -> Vec<usize> {
     order
 }
 
-/// Index of the cheapest point within an error; none where there is none.
+/// Index of the cheapest point within an error; `None` if there is none.
 pub fn cheapest(points: &[[f64; 2]], error: f64) -> Option<usize> {
     let fits = (0..points.len()).filter(|k| points[*k][0] <= error && !points[*k][1].is_nan());
     fits.min_by(|a, b| points[*a][1].total_cmp(&points[*b][1]))

@@ -41,7 +41,7 @@ pub struct Sorted {
     pub by: String,
     /// Errors against a sort per pixel.
     pub errors: Errors,
-    /// Milliseconds of a view within the default cutoffs; none where no executor has the order.
+    /// Milliseconds of a view within the default cutoffs; `None` if no executor has the order.
     pub milliseconds: Option<f64>,
 }
 

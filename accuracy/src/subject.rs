@@ -17,7 +17,7 @@ use std::sync::Arc;
 pub struct Subject {
     /// The Gaussians.
     pub gaussians: Gaussians<Vec<f32>>,
-    /// Light at a valid resolution; none for unlit scenes.
+    /// Light at a valid resolution; `None` for unlit scenes.
     pub light: Option<Environment<Vec<f32>>>,
     /// Surface of the scene that reflected rays may hit.
     pub near_field: Option<Arc<NearField<Vec<f32>>>>,
@@ -57,7 +57,7 @@ impl Subject {
 }
 
 /// Halves the resolution of a light: means of radiance over 2 × 2 texels, weighted by solid angle,
-/// which preserves total radiance. A network stays as it is, evaluated in fewer texels.
+/// which preserves total radiance. A network stays unchanged, evaluated in fewer texels.
 pub fn halved(light: &Environment<Vec<f32>>) -> Environment<Vec<f32>> {
     let (fine, resolution) = (light.resolution, light.resolution / 2);
     if light.is_network() {

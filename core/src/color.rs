@@ -97,7 +97,7 @@ pub fn has_alpha(rgba: &[u8]) -> bool {
     rgba.chunks_exact(4).any(|pixel| pixel[3] < u8::MAX && !is_unknown(pixel))
 }
 
-/// A blended colour over a background that shines through: C + T · background.
+/// Blended colour over a visible background: C + T · background.
 #[inline(always)]
 pub fn composite<R: Real>(color: R, transmittance: R, background: R) -> R {
     transmittance.mul_add(background, color)

@@ -89,7 +89,7 @@ pub struct TrainingStep<'a, E: Executor> {
     pub background: [f32; 3],
     /// Exposure of the photograph; `None` compares colours unchanged.
     pub exposure: Option<&'a Exposure<f32>>,
-    /// Near field that reflected rays are traced against, if the rules say so.
+    /// Near field that reflected rays are traced against, if the rules ask for it.
     pub near_field: Option<&'a E::NearField>,
     /// Rendering rules.
     pub rules: &'a RenderRules,
@@ -326,7 +326,7 @@ pub trait Executor: Renderer {
 
     /// [`Renderer::bin`] for a step of training. An executor that would have to wait for the amount
     /// of memory may estimate it from former steps; if the estimate is too small, no later stage of
-    /// the step changes anything, and [`Executor::report`] says so.
+    /// the step changes anything, and [`Executor::report`] returns `None`.
     ///
     /// # Errors
     ///

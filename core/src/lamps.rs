@@ -1,4 +1,4 @@
-//! Lamps: suns and spheres that shine on a scene, with shadows.
+//! Lamps: suns and spheres that light a scene, with shadows.
 //!
 //! A lamp in the direction l of a surface point x, of irradiance E at normal incidence and angular
 //! radius ω, adds to the light that leaves a physical material ([`mod@crate::physical`])
@@ -77,7 +77,7 @@ pub enum Lamp {
         /// Diameter in radians, from 0 below π.
         diameter: f32,
     },
-    /// Sphere whose surface shines evenly.
+    /// Sphere that emits uniformly.
     Sphere {
         /// Centre, in world space.
         position: [f32; 3],
@@ -410,7 +410,7 @@ fn cube<R: Real>(number: R) -> R {
 }
 
 /// Point of a spiral of `count` points: cosine and sine of its angle, area of the disc within it
-/// and area that it stands for, as shares.
+/// and area that it represents, as shares.
 pub fn spiral_point(index: usize, count: usize) -> [f32; 4] {
     let angle = GOLDEN_ANGLE * index as f64;
     let per_point = 1.0 / count as f64;

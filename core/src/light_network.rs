@@ -40,13 +40,13 @@ pub const HIDDEN_MAX: f32 = 1e6;
 /// Numbers of radiance lie within this bound, e⁴² = 1.7e18, with no gradient beyond.
 pub const NUMBER_MAX: f32 = 42.0;
 
-/// Concentration κ of the von Mises-Fisher lobe that stands for the GGX lobe of a roughness ρ > 0:
-/// 1 / ρ³ + 5/4 ρ².
+/// Concentration κ of the von Mises-Fisher lobe that approximates the GGX lobe of a roughness ρ >
+/// 0: 1 / ρ³ + 5/4 ρ².
 ///
-/// Fitted to what the GGX lobe ([`crate::ggx`]) leaves of the four degrees, within 0.08 for ρ from
-/// 0.07 to 1. Ref-NeRF learns 1 / κ as its roughness; the spherical Gaussian with the curvature of
-/// the lobe's peak, 1 / (2 ρ⁴) (Wang et al. 2009), leaves the tail out, and at ρ = 1 most of the
-/// light.
+/// Fitted to the attenuation of the four degrees by the GGX lobe ([`crate::ggx`]), within 0.08 for
+/// ρ from 0.07 to 1. Ref-NeRF learns 1 / κ as its roughness; the spherical Gaussian with the
+/// curvature of the lobe's peak, 1 / (2 ρ⁴) (Wang et al. 2009), leaves the tail out, and at ρ = 1
+/// most of the light.
 pub fn concentration(roughness: f64) -> f64 {
     1.0 / (roughness * roughness * roughness) + 1.25 * roughness * roughness
 }

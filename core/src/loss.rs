@@ -69,7 +69,7 @@ const WHITE_MIN: f32 = 254.5 / 255.0;
 /// the background: min(x, 1) where the true number is white and its pixel opaque.
 ///
 /// A picture records no radiance above white, so any rendered radiance from there on agrees with
-/// it. Where the true pixel is darker, or shows the background, the rendered number stays as it is.
+/// it. Where the true pixel is darker, or shows the background, the rendered number is unchanged.
 #[inline(always)]
 pub fn recorded<R: Real>(rendered: R, truth: R, alpha: R) -> R {
     let least = rendered.constant(WHITE_MIN);

@@ -318,7 +318,7 @@ impl<A: AsRef<[f32]>> NearField<A> {
         tests
     }
 
-    /// Index and count of a node; none where they are not whole numbers.
+    /// Index and count of a node; `None` unless they are whole numbers.
     fn range(&self, node: usize) -> Option<[usize; 2]> {
         let node = self.numbers::<NODE_LEN>(NODE_LEN * node);
         Some([whole(node[3])?, whole(node[7])?])

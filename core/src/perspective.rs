@@ -13,7 +13,7 @@
 //! projection, taken at the mean however far off the axis it lies. It follows from q = |(μ × d)|²_Σ
 //! / |d|²_adj Σ (the cofactors of Cauchy and Binet). The affine projection is l = 0 and κ = 0; the
 //! projection onto the plane that touches the unit sphere where the mean is seen is κ = 0 and l·δ =
-//! d₀·(d − d₀) / |d₀|². So what each leaves out is known: to first order an alpha is off by no more
+//! d₀·(d − d₀) / |d₀|². So the error of each is known: to first order an alpha is off by no more
 //! than opacity · (1.16 |W⁻ᵀ l| + 1.08 κ), the largest values of r³ exp(−½ r²) and of ½ r⁴ exp(−½
 //! r²).
 //!

@@ -250,9 +250,9 @@ fn backward<E: Executor>(
 pub struct ViewGradient<A> {
     /// Gradient of the Gaussians.
     pub gaussians: Gaussians<A>,
-    /// Gradient of the light's numbers; none where no light was looked up.
+    /// Gradient of the light's numbers; `None` if no light was looked up.
     pub light: Option<A>,
-    /// Share in the statistics of densification; none for a step that is not observed.
+    /// Share in the statistics of densification; `None` for a step that is not observed.
     pub statistics: Option<Statistics<A>>,
 }
 

@@ -18,7 +18,7 @@ use crate::{
 };
 
 /// Upper bounds of the terms that the Gaussians of a scene and their light use. Gaussians that are
-/// too faint to be drawn do not count; NaN counts as infinite, so it is never left out.
+/// too faint to be drawn do not count; NaN counts as infinite, so it is never omitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Needs {
     /// Largest opacity · tint of any Gaussian: how much specular light can matter.

@@ -139,8 +139,8 @@ impl Levels {
         })
     }
 
-    /// Creates a mip chain of `count` levels, each half as wide as the one before. None where
-    /// [`Levels::of`] gives none, or where a level would have no texel.
+    /// Creates a mip chain of `count` levels, each half as wide as the one before. `None` if
+    /// [`Levels::of`] gives none, or if a level would have no texel.
     pub fn mips(roughness: MipRoughness, resolution: usize, count: usize) -> Option<Self> {
         let mut levels = [Level { roughness: 0.0, resolution }; MAX_LEVELS];
         let levels = levels.get_mut(..count)?;

@@ -13,7 +13,7 @@ pub struct RenderRules {
     pub shading: ShadingRules,
     /// The prefilter.
     pub scheme: PrefilterScheme,
-    /// Highest band of the spherical harmonics that is used; `None` leaves them out.
+    /// Highest band of the spherical harmonics that is used; `None` omits them.
     pub sh_degree: Option<u8>,
     /// Whether residuals are added to normals.
     pub normal_residuals: bool,
@@ -21,7 +21,7 @@ pub struct RenderRules {
     pub is_lit: bool,
     /// Whether reflected rays are traced against the near field of a light that has one.
     pub traces_near: bool,
-    /// Whether the lamps of a light that has some shine on physical materials.
+    /// Whether the lamps of a light, if it has some, light physical materials.
     pub illuminates: bool,
     /// The levels of the light that are looked up.
     pub levels: LevelRange,
@@ -72,7 +72,7 @@ impl RenderRules {
     pub fn is_deferred(&self, layout: Layout) -> bool {
         layout.is_shaded() && matches!(self.shading.form, ShadingForm::Deferred | ShadingForm::Physical)
     }
-    /// Whether lamps shine on the pixels of such a scene.
+    /// Tests whether lamps light the pixels of such a scene.
     pub fn is_illuminated(&self, layout: Layout) -> bool {
         self.is_lit && self.illuminates && layout.is_shaded() && self.shading.form == ShadingForm::Physical
     }
@@ -80,7 +80,7 @@ impl RenderRules {
     pub fn blended(&self, layout: Layout) -> Channels {
         let is_lit_by_pixel = self.is_lit && self.is_deferred(layout);
         match self.channels {
-            // Lamps shine on the albedo, at the depth of a pixel.
+            // Lamps light the albedo, at the depth of a pixel.
             _ if self.is_illuminated(layout) => Channels::Layers,
             // Rays start at the depth of a pixel.
             Channels::Color if is_lit_by_pixel && self.traces_near => Channels::Surface,

@@ -49,7 +49,7 @@ pub fn turned(turn: &ShTurn, colors: &[[f32; 3]; MAX_COUNT]) -> [[f32; 3]; MAX_C
     })
 }
 
-/// Directions all around, and the solid angle that each stands for.
+/// Directions all around, and the solid angle of each.
 fn nodes() -> impl Iterator<Item = (crate::vector::Vec3<Double>, f64)> {
     let heights = NODES.into_iter().flat_map(|(z, weight)| [(z, weight), (-z, weight)]);
     heights.flat_map(|(z, weight)| {

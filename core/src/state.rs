@@ -39,7 +39,7 @@ pub struct SceneState<A> {
     pub moments: AdamMoments<A>,
     /// Statistics for densification.
     pub statistics: Statistics<A>,
-    /// The light and its moments; none for plain Gaussian splatting.
+    /// The light and its moments; `None` for plain Gaussian splatting.
     pub light: Option<(Environment<A>, AdamMoments<A>)>,
 }
 

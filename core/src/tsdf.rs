@@ -46,7 +46,7 @@ pub const CORNERS: usize = 8;
 
 /// Surface vertex of a cell, from the distances at its corners: the mean of the points at which the
 /// surface crosses the edges, in cells from the corner 0, and the unit normal towards growing
-/// distances. None where all corners lie on one side.
+/// distances. `None` if all corners lie on one side.
 ///
 /// Gibson 1998, "Constrained Elastic Surface Nets", without the elastic part ("naive surface
 /// nets").

@@ -73,7 +73,7 @@ pub struct FrameCapacity(Capacity);
 /// Result of [`GpuExecutor::read_frame_later`].
 #[derive(Clone, Debug)]
 pub struct LaterFrame {
-    /// Values of the frame; none where its splats exceeded the capacity.
+    /// Values of the frame; `None` if its splats exceeded the capacity.
     pub values: Option<Vec<f32>>,
     /// Number of its planes.
     pub planes: usize,
@@ -105,8 +105,8 @@ impl Precision for Storage {
 /// Gaussians and lights as halves.
 ///
 /// Contributions of single pixels and Gaussians to the gradient of a texel of the light are clamped
-/// to ± 2¹⁸, where the CPU adds them as they are: sums of them are integers, which do not depend on
-/// their order.
+/// to ± 2¹⁸, where the CPU adds them without limit: sums of them are integers, which do not depend
+/// on their order.
 #[derive(Debug)]
 pub struct GpuExecutor<P = Full> {
     pub(crate) context: Context,

@@ -50,7 +50,7 @@ impl Ambient {
     }
 }
 
-/// Transfer of a vertex that looks at others, and its rays that hit the surface.
+/// Transfer of a vertex that sees others, and its rays that hit the surface.
 fn transfer(
     near_field: &NearField<Vec<f32>>,
     seen: impl Iterator<Item = Option<usize>>,

@@ -202,7 +202,7 @@ impl Volume {
     }
 
     /// Four cells around the edge of the grid from a corner along an axis, counterclockwise as seen
-    /// from outside of the surface; none for an edge that the surface does not cross.
+    /// from outside of the surface; `None` for an edge that the surface does not cross.
     fn quad(&self, corner: [usize; 3], axis: usize) -> Option<[usize; 4]> {
         let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
         if corner[b] == 0 || corner[c] == 0 {

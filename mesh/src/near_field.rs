@@ -55,7 +55,7 @@ impl<const N: usize> WeightedSum<N> {
         self.weight += weight;
     }
 
-    /// The mean; none if nothing was added.
+    /// Mean; `None` if nothing was added.
     fn mean(&self) -> Option<[f32; N]> {
         (self.weight > 0.0).then(|| self.sums.map(|sum| sum / self.weight))
     }
@@ -90,7 +90,7 @@ impl SurfaceMeans {
         gather(mesh, *voxel_size, albedos, camera, image, diffuse_albedo);
     }
 
-    /// Near field of the mesh; none without triangles, or with more than can be traced. Vertices
+    /// Near field of the mesh; `None` without triangles, or with more than can be traced. Vertices
     /// that no view sees reflect nothing and have the normal and the colour of the mesh.
     pub fn near_field(&self) -> Option<NearField<Vec<f32>>> {
         let Self { mesh, voxel_size, .. } = self;
@@ -113,8 +113,8 @@ impl SurfaceMeans {
     }
 }
 
-/// Near field of triangles and vertices, in a hierarchy; none without triangles, or with more than
-/// can be traced.
+/// Near field of triangles and vertices, in a hierarchy; `None` without triangles, or with more
+/// than can be traced.
 fn arranged(corners: &[[u32; 3]], vertices: &[[f32; VERTEX_LEN]], offset: f32) -> Option<NearField<Vec<f32>>> {
     if corners.is_empty() || vertices.len().max(2 * corners.len()) >= INDEX_MAX {
         return None;

@@ -19,7 +19,7 @@ impl Surface {
         Arc::new(near_field.into())
     }
 
-    /// Vertices that each vertex looks at.
+    /// Vertices that each vertex sees.
     pub fn sight(&self) -> &Sight {
         self.sight.get_or_init(|| Sight::new(&self.near_field))
     }

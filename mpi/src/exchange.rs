@@ -37,7 +37,7 @@ impl MpiExchange {
         Self { rank, patience, outbox: Vec::new(), inbox: vec![VecDeque::new(); size] }
     }
 
-    /// Sends what is queued, and takes in what arrives until there is a frame of `from`.
+    /// Sends the queued frames, and receives until there is a frame of `from`.
     fn progress(&mut self, from: usize) -> Result<Vec<u8>, ExchangeError> {
         let Self { patience, outbox, inbox, .. } = self;
         let world = SimpleCommunicator::world();

@@ -23,14 +23,14 @@ struct Lit<R> {
     pixel: Pixel<R>,
     view_dir: Vec3<R>,
     surface: PixelSurface<R>,
-    /// Reflection of the pixel; none without a light.
+    /// Reflection of the pixel; `None` without a light.
     reflection: Option<Reflection<R>>,
     light: Vec3<R>,
     /// Part of the light that other surfaces reflect.
     indirect: Vec3<R>,
-    /// Orientation of a physical material, and all light that reaches it; none without a light.
+    /// Orientation of a physical material, and all light that reaches it; `None` without a light.
     physical: Option<(PixelFacing<R>, PixelLight<R>)>,
-    /// Diffuse albedo and light of lamps, where these shine.
+    /// Diffuse albedo and light of lamps, if there are any.
     direct: Option<(Vec3<R>, DirectLight<R>)>,
     is_physical: bool,
 }

@@ -62,7 +62,7 @@ impl Case {
     }
 
     /// The same with physical materials: black, white and saturated albedos, dielectrics and
-    /// metals, in darkness, in the open and beside bright surfaces.
+    /// metals, occluded, unoccluded and beside bright surfaces.
     #[must_use]
     pub fn with_materials(&self) -> Self {
         let layout = LAYOUT.physical();

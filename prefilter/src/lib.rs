@@ -284,7 +284,7 @@ impl Operator {
     pub fn reductions(&self) -> impl DoubleEndedIterator<Item = ([usize; 2], &Linear)> {
         self.pyramid.windows(2).map(|pair| [pair[0].1, pair[1].1]).zip(&self.reductions)
     }
-    /// From the pyramid to the rows; none if there are too many weights to keep.
+    /// From the pyramid to the rows; `None` if there are too many weights to keep.
     pub fn rows(&self) -> Option<&Linear> {
         self.stored.as_ref()
     }

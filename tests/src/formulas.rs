@@ -99,7 +99,8 @@ pub fn assert_every_formula_has_a_case(formulas: &[&str], cases: &str, count_min
     let cases: String = cases.split_whitespace().collect();
     let formulas = formulas.concat();
     let macro_formulas = formulas.split("formula!(").skip(1);
-    let impl_formulas = formulas.split("\nimpl").filter_map(|rest| rest.split_once(" Formula for ")).map(|(_, rest)| rest);
+    let impl_formulas =
+        formulas.split("\nimpl").filter_map(|rest| rest.split_once(" Formula for ")).map(|(_, rest)| rest);
     let names = macro_formulas.chain(impl_formulas).filter_map(|rest| rest.split([',', ' ', '<']).next());
     let count = names.inspect(|name| {
         assert!(cases.contains(&format!("assert_same(gpu,&{name}")), "{name} has no case on the device");

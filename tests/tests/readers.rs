@@ -56,7 +56,7 @@ const LEN_MAX: usize = 4096;
 const BYTES_FOR_EACH: usize = 64;
 /// Bytes that a reader of text and tables may take besides.
 const BYTES_OF_TABLES: usize = 1 << 21;
-/// Bytes that a reader of pictures may take besides: what it may unpack of any file, in several
+/// Bytes that a reader of pictures may take besides: pixels unpacked from any file, in several
 /// kinds of numbers.
 const BYTES_OF_PICTURES: usize = 1 << 30;
 /// Bytes that reading a network may take besides: the pictures of its check, layer by layer.
@@ -550,7 +550,7 @@ const NETWORK: Target = Target {
 // Each of the least objects takes two hundred times its text, of which there may be little.
 const FACTS: Target = Target { memory: 1 << 25, ..MODEL };
 
-/// A test of each reader with files of the right shape, by what they are.
+/// Tests of readers with files of the right shape, by reader.
 macro_rules! shapes {
     ($($name:ident: $target:expr, $shapes:expr;)*) => {$(
         mod $name {

@@ -117,7 +117,7 @@ pub struct Pair {
     pub rendered: Vec<f32>,
     /// Ground truth.
     pub truth: Vec<f32>,
-    /// Mask of known pixels; none where all are known.
+    /// Mask of known pixels; `None` if all are known.
     pub known: Option<Vec<bool>>,
 }
 

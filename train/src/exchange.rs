@@ -97,7 +97,7 @@ pub trait Exchange: Debug + Send {
     }
 }
 
-/// Exchange between threads of one process. Dropping it tells the other ranks that this one ended.
+/// Exchange between threads of one process. Dropping it signals the end of this rank to the others.
 #[derive(Debug)]
 pub struct ThreadExchange {
     rank: usize,

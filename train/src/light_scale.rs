@@ -24,7 +24,7 @@ pub(crate) fn mean_radiance(light: &Environment<Vec<f32>>) -> [f32; 3] {
 }
 
 /// Scales a cube map so that its mean radiance is `wanted`; a channel that is black, or not finite,
-/// stays as it is.
+/// stays unchanged.
 pub(crate) fn scale_to(light: &mut Environment<Vec<f32>>, wanted: [f32; 3]) {
     let mean = mean_radiance(light);
     let factors: [f32; 3] = core::array::from_fn(|k| wanted[k] / mean[k]);

@@ -161,7 +161,7 @@ struct Job {
 
 /// Place of a picture.
 enum Place {
-    /// Picture that is being decoded, with so many bytes reserved.
+    /// Picture that is being decoded, with its reserved bytes.
     Opening(u64),
     Held(Arc<View>, u64),
     /// Picture that cannot be decoded.
@@ -300,8 +300,8 @@ impl Shelf {
         }
     }
 
-    /// Reserves memory for the first picture that has a turn and no place; none if there is no such
-    /// picture, or no room for it.
+    /// Reserves memory for the first picture that has a turn and no place; `None` if there is no
+    /// such picture, or no room for it.
     fn next_to_decode(&self, state: &mut State) -> Option<Job> {
         let next = state.next_visits();
         let missing = next.iter().filter(|(picture, _)| !state.places.contains_key(picture));

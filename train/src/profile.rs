@@ -117,7 +117,7 @@ pub struct LightStart {
     pub radiance_max: f32,
 }
 
-/// Light that is known before a training, and stays as it is: linear radiance of the texels of a
+/// Light that is known before a training, and stays unchanged: linear radiance of the texels of a
 /// cube map. Printed as a checksum.
 #[derive(Clone, PartialEq)]
 pub struct KnownLight(pub Arc<[f32]>);
@@ -212,16 +212,16 @@ pub struct Profile {
     pub shading: ShadingRules,
     /// Prefilter.
     pub scheme: PrefilterScheme,
-    /// Initial light; none for plain Gaussian splatting.
+    /// Initial light; `None` for plain Gaussian splatting.
     pub light: Option<LightStart>,
-    /// Light that is known and not trained; none for one that is found.
+    /// Light that is known and not trained; `None` for a trained light.
     pub known_light: Option<KnownLight>,
     /// Mean linear radiance of the light over all directions, where that is known; the light is
     /// scaled to it every few steps.
     pub light_mean: Option<[f32; 3]>,
     /// Initial attributes.
     pub start: GaussianStart,
-    /// Region in which Gaussians reflect the light; none for everywhere. Gaussians outside have
+    /// Region in which Gaussians reflect the light; `None` for everywhere. Gaussians outside have
     /// only their own colours, so that the light need not explain nearby background.
     pub foreground: Option<Ball>,
     /// Weights of the losses.
@@ -252,7 +252,7 @@ pub struct Profile {
     /// schedules; 1 for never. The gradient of a single view is noise around that of all of them:
     /// large steps cover distance, the small ones at the end average the noise out.
     pub cool_from: f32,
-    /// Learning rate of exposures; none where exposures are not learned.
+    /// Learning rate of exposures; `None` if exposures are not learned.
     pub exposure: Option<Schedule>,
     /// Densification.
     pub densification: Densification,
@@ -508,7 +508,7 @@ impl Profile {
     }
 
     /// Profile of a light that is known: linear radiance of a cube map of the profile's resolution,
-    /// which stays as it is. Unchanged without a light.
+    /// which stays unchanged. Unchanged without a light.
     ///
     /// # Panics
     ///

@@ -11,8 +11,8 @@
 //! holds Adam's moments and the statistics of densification; every rank holds all parameters. Each
 //! number is computed by one rank from the same inputs and in the same order as on one rank, so
 //! that results do not depend on how many there are. Densification, and whatever else needs all
-//! moments, runs on every rank alike after all were gathered; so do checkpoints, which therefore do
-//! not tell how many ranks wrote them.
+//! moments, runs on every rank alike after all were gathered; so do checkpoints, which are
+//! therefore the same for any number of ranks.
 
 use crate::{
     batch::{Updates, apply, gradient_of},
@@ -151,8 +151,8 @@ impl Ranks {
         Ok(reports)
     }
 
-    /// Computes the gradients of this rank's views, and sends the others what they own. Returns the
-    /// numbers that this rank owns, and its reports.
+    /// Computes the gradients of this rank's views, and sends the others the parts that they own.
+    /// Returns the numbers that this rank owns, and its reports.
     fn compute_own<E: Executor>(
         &mut self,
         exec: &mut E,

@@ -54,8 +54,8 @@ pub struct Silhouette {
 }
 
 impl Silhouette {
-    /// Silhouette of a picture; none where no pixel is transparent, or all of them are, as a failed
-    /// mask leaves them.
+    /// Silhouette of a picture; `None` if no pixel is transparent, or if all are, as after a failed
+    /// mask.
     pub fn of(rgba: &[u8]) -> Option<Self> {
         let is_solid = |pixel: &[u8]| pixel[3] > 0 || is_unknown(pixel);
         let byte = |pixels: &[u8]| {

@@ -65,7 +65,7 @@ impl View {
         }
     }
 
-    /// Mask of known pixels; none where all are known.
+    /// Mask of known pixels; `None` if all are known.
     pub fn known(&self) -> Option<Vec<bool>> {
         let known: Vec<bool> = self.rgba.chunks_exact(4).map(|pixel| !is_unknown(pixel)).collect();
         known.contains(&false).then_some(known)

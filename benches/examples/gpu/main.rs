@@ -100,7 +100,7 @@ fn print_tables(name: &str, budget: f64) -> Result<(), GpuError> {
     Ok(())
 }
 
-/// A device, and what was found out about it.
+/// A device, and its measured rates.
 struct Bench {
     gpu: Gpu,
     ceilings: Option<Ceilings>,

@@ -2,8 +2,8 @@
 //! round.
 //!
 //! A tile has sixteen quads, and a quad has one pixel for each lane. For 64 splats at a time, one
-//! bit for each splat tells whether it may overlap the quad, computed for sixteen splats in a
-//! vector; the quad then stays in registers while its splats are composited.
+//! bit for each splat marks that it may overlap the quad, computed for sixteen splats in a vector;
+//! the quad then stays in registers while its splats are composited.
 
 use crate::{
     context::Context,

@@ -122,7 +122,8 @@ impl Waiting {
     }
 }
 
-/// Blends the splats of a tile; for each a bit for each quad tells whether it was seen there.
+/// Blends the splats of a tile; writes to `seen`, splat by splat, a bit for each quad in which it
+/// was seen.
 pub(crate) fn blend_in_order<T: BatchedSplat>(
     level: Level,
     ordered: &Ordered<'_, T>,

@@ -30,7 +30,7 @@ pub struct Light {
     /// Inputs of the texels: the pyramid of the base's radiance, finest first, then the filtered
     /// rows.
     nodes: Buffer<Texel>,
-    /// Texels of a network, which takes the place of the pyramid; none for a cube map.
+    /// Texels of a network, which takes the place of the pyramid; `None` for a cube map.
     encoded: Option<Arc<EncodedTexels>>,
     /// Surface of the scene that reflected rays may hit.
     pub(crate) near_field: Option<Arc<NearField<Vec<f32>>>>,

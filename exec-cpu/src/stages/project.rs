@@ -248,7 +248,7 @@ fn store_records<S: Simd>(splat: &Splat<Lanes<S>>, reach: Lanes<S>, half: [Lanes
     }
 }
 
-/// Responses of all Gaussians; none for the order of means.
+/// Responses of all Gaussians; `None` for the order of means.
 fn project_responses(
     context: &Context,
     gaussians: &Gaussians<Vec<f32>>,

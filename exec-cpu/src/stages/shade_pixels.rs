@@ -63,7 +63,7 @@ struct Lighting<'a> {
 }
 
 impl Lighting<'_> {
-    /// Reflection of a quad; none where no ray was traced.
+    /// Reflection of a quad; `None` if no ray was traced.
     #[inline(always)]
     fn reflection<S: Simd>(&self, simd: S, quad: usize) -> Option<Reflection<Lanes<S>>> {
         self.reflections.map(|reflections| reflection_of_quad(simd, reflections, quad))

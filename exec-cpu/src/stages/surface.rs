@@ -52,7 +52,7 @@ pub(crate) struct SurfaceQuad<S: Simd> {
 }
 
 impl<S: Simd> SurfaceQuad<S> {
-    /// A quad of a tile; none if nothing covers it.
+    /// A quad of a tile; `None` if nothing covers it.
     #[inline(always)]
     pub(crate) fn new(
         simd: S,

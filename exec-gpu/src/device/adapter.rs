@@ -30,7 +30,7 @@ pub fn adapters() -> Vec<AdapterReport> {
 }
 
 pub(crate) fn all_adapters() -> Vec<Adapter> {
-    // Without compute shaders an adapter is of no use: OpenGL's are left out.
+    // Adapters without compute shaders are useless: OpenGL's are skipped.
     let backends = Backends::PRIMARY;
     let instance = Instance::new(InstanceDescriptor { backends, ..InstanceDescriptor::new_without_display_handle() });
     pollster::block_on(instance.enumerate_adapters(backends))

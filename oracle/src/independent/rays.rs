@@ -103,7 +103,7 @@ pub enum Order {
     /// The distance of the mean from the eye, the same in all pixels and however the camera is
     /// turned; else as above.
     Distance,
-    /// The depth of the largest response along the ray of each pixel. A Gaussian is left out of the
+    /// The depth of the largest response along the ray of each pixel. A Gaussian is skipped in the
     /// pixels where that is behind the eye, or not deeper than the near plane.
     Response,
 }

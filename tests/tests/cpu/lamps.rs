@@ -182,11 +182,11 @@ proptest! {
     }
 }
 
-/// A white surface of a metal under light from everywhere: what it reflects is what it receives, or
-/// less where light is scattered between its facets.
+/// A white surface of a metal under light from everywhere: it reflects the light that it receives,
+/// or less where light is scattered between its facets.
 #[test]
 fn no_surface_reflects_more_than_it_receives() {
-    /// A lattice of so many directions resolves lobes of α ≥ 0.1 within a hundredth.
+    /// A lattice of this many directions resolves lobes of α ≥ 0.1 within a hundredth.
     const DIRECTIONS: usize = 200_000;
     const ERROR: f64 = 0.01;
     for alpha in [0.1, 0.3, 0.6, 1.0] {

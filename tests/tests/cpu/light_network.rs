@@ -116,7 +116,7 @@ fn harmonics_are_orthogonal_and_of_mean_square_one() {
     }
 }
 
-/// The attenuation stands for the GGX lobe that the levels of a cube map are filtered with.
+/// The attenuation approximates the GGX lobe that filters the levels of a cube map.
 #[test]
 fn the_attenuation_of_a_roughness_is_that_of_its_ggx_lobe() {
     let mut worst: f64 = 0.0;

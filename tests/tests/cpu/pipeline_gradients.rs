@@ -1,5 +1,5 @@
 //! The plain pipeline's gradients are those of its loss, and its prefilter is the integral that it
-//! stands for.
+//! approximates.
 
 use specula_core::{
     camera::Camera,

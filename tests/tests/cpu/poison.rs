@@ -122,7 +122,10 @@ fn fault(
     let moved = |(plane, gaussian): &(usize, usize)| with.gradient[plane * cloud.count + gaussian] != 0.0;
     let left_out = (0..cloud.count).filter(|gaussian| !is_finite(cloud, *gaussian));
     let picture_planes = left_out.flat_map(|gaussian| planes_of_pictures().map(move |plane| (plane, gaussian)));
-    picture_planes.into_iter().find(moved).map(|(plane, gaussian)| format!("plane {plane} of {gaussian} has a gradient"))
+    picture_planes
+        .into_iter()
+        .find(moved)
+        .map(|(plane, gaussian)| format!("plane {plane} of {gaussian} has a gradient"))
 }
 
 /// Planes that losses only reach through pictures.

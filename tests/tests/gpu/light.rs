@@ -335,7 +335,8 @@ fn nan_is_not_mostly_close() {
     assert_mostly_close(&[1.0, f64::NAN, 3.0], &[1.0, 2.0, 3.0], 0.01, 0.3);
 }
 
-/// Root mean square of the difference, as a share of that of what is expected; infinite for NaN.
+/// Root mean square of the difference, as a share of that of the expected numbers; infinite for
+/// NaN.
 fn difference(actual: &[f64], expected: &[f64]) -> f64 {
     assert_eq!(actual.len(), expected.len(), "lists of different lengths have no difference");
     let squared: f64 = actual.iter().zip(expected).map(|(a, e)| (a - e) * (a - e)).sum();
@@ -373,7 +374,7 @@ struct Scene {
 
 /// Gradients of a scene's pixels.
 struct Gradient {
-    /// Planes of what was blended, and their gradient.
+    /// Planes of the blended surface, and their gradient.
     blended: Vec<f32>,
     grad: Vec<f64>,
     /// Of the light's texels, and of the environment's numbers.

@@ -402,7 +402,7 @@ fn assert_grad(what: &str, scene: &Scene, ours: &[f32], theirs: &[f64], toleranc
     }
 }
 
-/// The largest difference of two reports, each number as a share of what is expected; infinite for
+/// The largest difference of two reports, each number as a share of the expected one; infinite for
 /// NaN.
 fn difference_of_reports(ours: &LossReport, theirs: &LossReport) -> f64 {
     let numbers = |report: &LossReport| {
@@ -638,8 +638,8 @@ fn pictures_of_another_size_are_refused() {
 /// Some exposure that mixes all channels.
 const EXPOSURE: Exposure<f32> = [[0.8, 0.1, -0.05, 0.03], [0.02, 1.1, 0.07, -0.06], [-0.04, 0.05, 0.9, 0.1]];
 
-/// A picture before and after its exposure, the gradient of the photograph, and what the backward
-/// pass makes of it.
+/// A picture before and after its exposure, the gradient of the photograph, and the results of the
+/// backward pass.
 struct Exposed {
     before: Vec<f32>,
     after: Vec<f32>,

@@ -53,8 +53,9 @@ fn reach<'a>(expected: &[f64], nudged: impl Iterator<Item = &'a Vec<f64>>) -> Ve
     })
 }
 
-/// The number that is furthest off, and its difference as a multiple of what is allowed: some times
-/// what rounding moves it by, and some roundings of its own. Infinite for what is not finite.
+/// The number that is furthest off, and its difference as a multiple of the allowed one: a multiple
+/// of its change by rounding, and some roundings of its own. Infinite for numbers that are not
+/// finite.
 fn excess(actual: &[f64], expected: &[f64], reach: &[f64], allowance: Allowance) -> (usize, f64) {
     assert_eq!(actual.len(), expected.len(), "lists of different lengths cannot be close");
     let of = |k: usize| {

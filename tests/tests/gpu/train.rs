@@ -68,7 +68,7 @@ fn views(numbers: RangeInclusive<usize>) -> Vec<View> {
     numbers.map(view).collect()
 }
 
-/// A cloud that shines, seen from a place on a circle around it.
+/// Rendered view of a cloud from a place on a circle around it.
 fn rendered_view(exec: &mut CpuExecutor, light: &Light, rules: &RenderRules, number: usize) -> View {
     let turn = number as f32 * 0.7;
     let eye = glam::Vec3::new(3.0 * turn.cos(), 3.0 * turn.sin(), 1.0);
@@ -358,7 +358,7 @@ fn a_step_without_room_changes_nothing_and_says_so() {
         gpu.observe(&mut statistics, &splats, &splat_grads, &camera).expect("the device adds");
         let grad = Gaussians { count: *count, layout: *layout, values: upload(&mut gpu, &grad) };
         gpu.optimise(&mut gaussians, &mut moments, grad, &vec![0.1; layout.plane_count()], 1).expect("it steps");
-        // The first of both finds out how many bits tell depths apart as well.
+        // The first of both also finds the number of bits that distinguish depths.
         let report = gpu.report().expect("the device tells");
         let mut now = [values.clone(), zeros[..*count].to_vec()];
         gpu.download(&gaussians.values, &mut now[0]).expect("numbers come back");

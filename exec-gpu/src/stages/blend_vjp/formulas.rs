@@ -123,7 +123,7 @@ formula!(ReplayState, |this, inputs| replay_state(
 });
 
 /// Replay of one splat over the pixels of an invocation, and the sums over them
-/// ([`specula_core::blend::step_vjp`]). The weight of the splat tells whether it contributed to any
+/// ([`specula_core::blend::step_vjp`]). The weight of the splat shows whether it contributed to any
 /// pixel, the sum of transmittances whether all pixels have terminated.
 #[derive(Clone, Copy, Debug)]
 pub struct ReplaySplat {
