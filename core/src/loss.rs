@@ -400,7 +400,8 @@ pub struct LossReport {
     pub total: f64,
     /// Mean |C − C_gt|.
     pub absolute: f64,
-    /// Mean (C − C_gt)², the picture is limited only by [`LossWeights::saturates`].
+    /// Mean (C − C_gt)²; the picture is not limited to \[0, 1\], except by
+    /// [`LossWeights::saturates`].
     pub squared: f64,
     /// Mean SSIM.
     pub ssim: f64,
