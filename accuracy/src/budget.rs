@@ -11,16 +11,16 @@
 //!
 //! The first term is measured in every pixel of a view, on the tiles of that very picture: a sample
 //! of pixels would miss what a cutoff removes elsewhere, and a crop has other tiles, where other
-//! splats are cut. The second term is rounding alone; it is measured in `f64` in a window of each
+//! splats are cut. The second term is only rounding; it is measured in `f64` in a window of each
 //! view and multiplied by `ROUNDING_MARGIN`. A picture is within an error E of T where |P − X| is
 //! at most E less that margin.
 //!
-//! Each parameter is varied alone with all others at their most exact value, then all together,
-//! each at its cheapest value whose own error is within a bound. The bound starts at the whole
-//! error, since errors of parameters seldom add up, and falls until the setting holds in each view
-//! that it was chosen on. The setting is then validated on the other views; where it fails, the
-//! worst of these joins the views that it is chosen on, and the search continues. Costs are
-//! operation counts, so that the choice is the same on every machine and in every run.
+//! Each parameter is varied with all others at their most exact value, then all together, each at
+//! its cheapest value whose own error is within a bound. The bound starts at the whole error, since
+//! errors of parameters seldom add up, and falls until the setting holds in each view that it was
+//! chosen on. The setting is then validated on the other views; where it fails, the worst of these
+//! joins the views that it is chosen on, and the search continues. Costs are operation counts, so
+//! that the choice is the same on every machine and in every run.
 
 use crate::{
     reference::Reference,
@@ -159,7 +159,7 @@ fn largest(numbers: &[f64]) -> f64 {
 ///
 /// # Errors
 ///
-/// [`Refusal::TooClose`] where rounding alone may be as large, [`Refusal::Failed`] where the CPU
+/// [`Refusal::TooClose`] where even the rounding may be as large, [`Refusal::Failed`] where the CPU
 /// executor fails.
 pub fn cheapest_within(subject: &Subject, reference: &Reference, error: f64) -> Result<Certificate, Refusal> {
     let mut trial = Trial::under(subject.clone(), reference)?;
@@ -168,8 +168,8 @@ pub fn cheapest_within(subject: &Subject, reference: &Reference, error: f64) -> 
         .into_iter()
         .map(|camera| MeasuredView::new(&mut trial, subject, &exact, camera))
         .collect::<Result<Vec<_>, _>>()?;
-    let of_views: Vec<f64> = views.par_iter().map(|view| view.rounding(subject, reference)).collect();
-    let rounding = ROUNDING_MARGIN * largest(&of_views);
+    let view_rounding: Vec<f64> = views.par_iter().map(|view| view.rounding(subject, reference)).collect();
+    let rounding = ROUNDING_MARGIN * largest(&view_rounding);
     if rounding >= error {
         return Err(Refusal::TooClose(rounding));
     }
@@ -423,14 +423,14 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_of_nothing_is_exact() {
+    fn an_empty_scene_is_exact() {
         let nothing = Subject { gaussians: random_cloud(0, Layout::shaded(Some(1)), 0), ..subject(LIT, SMALL) };
         let certificate = cheapest(&nothing, 1e-6).expect("there is nothing to get wrong");
         assert_eq!(certificate.tried_on.worst, 0.0, "{certificate:?}");
     }
 
     #[test]
-    fn what_is_allowed_more_error_costs_no_more() {
+    fn a_larger_error_costs_no_more() {
         let subject = subject(4, SMALL);
         let cost = |error: f64| cheapest(&subject, error).expect("it can be met").work[0].cost();
         let costs = [0.001, 0.01, 0.1].map(cost);
@@ -465,7 +465,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_met_is_refused_with_what_can() {
+    fn unreachable_errors_are_refused_with_the_least_reachable_one() {
         let subject = subject(5, SMALL);
         let Err(Refusal::TooClose(least)) = cheapest(&subject, 1e-12) else { panic!("f32 has no 12 digits") };
         assert!(least > 1e-12 && least < 1e-4, "{least}");
@@ -505,8 +505,8 @@ mod tests {
             [tile_of(&whole, [9, 5], [16, 12]), whole].map(|camera| reference.view(&subject, &camera).colors);
         for k in 0..tile.values.len() {
             let (channel, row, column) = (k / tile.pixel_count(), k / 16 % 12, k % 16);
-            let of_whole = whole.values[channel * whole.pixel_count() + (row + 5) * whole.width + column + 9];
-            assert!((tile.values[k] - of_whole).abs() < SAME, "{} and {of_whole}", tile.values[k]);
+            let whole_value = whole.values[channel * whole.pixel_count() + (row + 5) * whole.width + column + 9];
+            assert!((tile.values[k] - whole_value).abs() < SAME, "{} and {whole_value}", tile.values[k]);
         }
     }
 }

@@ -121,15 +121,15 @@ impl Sums {
         let square = mean_square(&self.differences);
         self.differences.sort_by(f64::total_cmp);
         let place = (count as f64 * (1.0 - LARGEST)) as usize;
-        let of_views = |k: usize| mean(self.similarities.iter().map(|pair| pair[k]).sum(), self.similarities.len());
+        let mean_of = |k: usize| mean(self.similarities.iter().map(|pair| pair[k]).sum(), self.similarities.len());
         Errors {
             max: self.differences.last().copied().unwrap_or(0.0),
             rms: square.sqrt(),
             worst: self.worst,
             relative: (square * count as f64 / self.squares_exact.max(f64::MIN_POSITIVE)).sqrt(),
             psnr: psnr(mean(self.squares_shown, count)),
-            ssim: of_views(0),
-            flip: of_views(1),
+            ssim: mean_of(0),
+            flip: mean_of(1),
             p999: self.differences.get(place.min(count.saturating_sub(1))).copied().unwrap_or(0.0),
             normal_mae: mean(self.angles.iter().sum(), self.angles.len()),
             nonfinite: self.nonfinite,
@@ -152,18 +152,18 @@ mod tests {
     const ROUNDING: f64 = 1e-6;
 
     /// A fully covered grey view that faces +z, and its exact picture.
-    fn view(of_pixel: impl Fn(usize) -> f32) -> (Image<Vec<f32>>, Exact) {
+    fn view(value_of: impl Fn(usize) -> f32) -> (Image<Vec<f32>>, Exact) {
         let pixels = SIZE * SIZE;
         let mut values = vec![0.0; 9 * pixels];
-        (0..3 * pixels).for_each(|k| values[k] = of_pixel(k % pixels));
+        (0..3 * pixels).for_each(|k| values[k] = value_of(k % pixels));
         values[5 * pixels..6 * pixels].fill(1.0);
         let picture = Image { width: SIZE, height: SIZE, channels: 9, values };
         let colors = Image { width: SIZE, height: SIZE, channels: 3, values: vec![0.5; 3 * pixels] };
         (picture, Exact { colors, normals: vec![[0.0, 0.0, 1.0]; pixels], coverage: vec![1.0; pixels] })
     }
 
-    fn errors(of_pixel: impl Fn(usize) -> f32) -> Errors {
-        let (picture, exact) = view(of_pixel);
+    fn errors(value_of: impl Fn(usize) -> f32) -> Errors {
+        let (picture, exact) = view(value_of);
         let mut sums = Sums::default();
         sums.add(&picture, &exact, [0.0; 3]);
         sums.errors()
@@ -187,13 +187,13 @@ mod tests {
     }
 
     #[test]
-    fn a_single_wrong_pixel_shows_in_the_largest_difference_alone() {
+    fn a_single_wrong_pixel_shows_only_in_the_largest_difference() {
         let errors = errors(|pixel| if pixel == 7 { 0.9 } else { 0.5 });
         assert!((errors.max - 0.4).abs() < ROUNDING && errors.rms < 0.03, "{errors:?}");
     }
 
     #[test]
-    fn what_is_not_finite_is_counted_and_within_nothing() {
+    fn nonfinite_numbers_are_counted_and_within_no_bound() {
         let errors = errors(|pixel| if pixel == 7 { f32::NAN } else { 0.5 });
         assert!(errors.nonfinite == 3 && errors.rms == 0.0 && !errors.is_within(1.0), "{errors:?}");
     }

@@ -45,14 +45,14 @@ pub fn flip(reference: &Image<Vec<f64>>, test: &Image<Vec<f64>>) -> f64 {
 pub fn flip_map(reference: &Image<Vec<f64>>, test: &Image<Vec<f64>>) -> Vec<f64> {
     let [a, b] = [reference, test].map(PerceptualImage::new);
     let largest = largest_difference();
-    let of_pixel = |pixel: usize| {
+    let pixel_error = |pixel: usize| {
         let color = stretched(hyab(a.color(pixel), b.color(pixel)).powf(COLOR_EXPONENT), largest);
         let feature = f64::max((a.edges[pixel] - b.edges[pixel]).abs(), (a.points[pixel] - b.points[pixel]).abs());
         let feature = (feature * core::f64::consts::FRAC_1_SQRT_2).powf(FEATURE_EXPONENT);
         let difference = color.powf(1.0 - feature);
         if difference.is_nan() { 1.0 } else { difference.clamp(0.0, 1.0) }
     };
-    (0..reference.pixel_count()).map(of_pixel).collect()
+    (0..reference.pixel_count()).map(pixel_error).collect()
 }
 
 /// Picture in perceptual terms.
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_differs_wholly() {
+    fn nan_pixels_differ_fully() {
         let grey = picture(|_, _, _| 0.5);
         let mut wrong = grey.clone();
         wrong.values[0] = f64::NAN;

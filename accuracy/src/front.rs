@@ -17,7 +17,7 @@ pub fn pareto(points: &[[f64; 2]]) -> Vec<usize> {
     order
 }
 
-/// Index of the cheapest point within an error; none where there is none.
+/// Index of the cheapest point within an error; `None` if there is none.
 pub fn cheapest(points: &[[f64; 2]], error: f64) -> Option<usize> {
     let fits = (0..points.len()).filter(|k| points[*k][0] <= error && !points[*k][1].is_nan());
     fits.min_by(|a, b| points[*a][1].total_cmp(&points[*b][1]))
@@ -28,7 +28,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_another_beats_is_not_on_the_front() {
+    fn dominated_points_are_not_on_the_front() {
         let points = [[1.0, 5.0], [2.0, 4.0], [2.0, 4.0], [3.0, 4.5], [4.0, 1.0], [0.5, f64::NAN]];
         assert_eq!(pareto(&points), [0, 1, 4]);
         assert!(pareto(&[]).is_empty());

@@ -55,7 +55,7 @@ impl Reference {
         Self { gaussians: oracle::lift_gaussians(&subject.gaussians), independent, light, setting }
     }
 
-    /// Rounded texels of each level of the light with their aprons; none for unlit scenes.
+    /// Rounded texels of each level of the light with their aprons; `None` for unlit scenes.
     pub(crate) fn filtered(&self) -> Option<impl Iterator<Item = Vec<[f32; 3]>> + '_> {
         let rounded = |map: &Vec<Vec3<Double>>| map.iter().map(|texel| texel.to_array().map(|x| x.0 as f32)).collect();
         self.light.as_ref().map(|light| light.maps.iter().map(rounded))

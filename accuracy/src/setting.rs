@@ -392,7 +392,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_drawn_at_random_is_the_same_for_a_seed() {
+    fn random_settings_are_equal_for_equal_seeds() {
         let (subject, exact) = (subject(), Setting::exact(&subject()));
         let draw = |seed: u64| random_setting(&subject, &exact, seed);
         assert_eq!(draw(1), draw(1));

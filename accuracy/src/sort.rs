@@ -41,7 +41,7 @@ pub struct Sorted {
     pub by: String,
     /// Errors against a sort per pixel.
     pub errors: Errors,
-    /// Milliseconds of a view within the default cutoffs; none where no executor has the order.
+    /// Milliseconds of a view within the default cutoffs; `None` if no executor has the order.
     pub milliseconds: Option<f64>,
 }
 
@@ -93,14 +93,14 @@ impl Sort {
         let mut trial = Trial::under(subject.clone(), reference)?;
 
         let mut sums = [Sums::default(), Sums::default()];
-        let mut of_executor = ORDERS.map(|_| Sums::default());
+        let mut by_order = ORDERS.map(|_| Sums::default());
         let mut apart = 0.0_f64;
         for (Tile { mean, ordered: [same, distance, response] }, camera) in tiles.iter().zip(&cameras) {
             let exact = Exact::of(response, subject.background);
             for (sums, frame) in sums.iter_mut().zip([mean, distance]) {
                 sums.add(&narrow(frame), &exact, subject.background);
             }
-            for (sums, order) in of_executor.iter_mut().zip(ORDERS) {
+            for (sums, order) in by_order.iter_mut().zip(ORDERS) {
                 let setting = in_order(&Setting::exact(subject), order);
                 sums.add(&trial.view(&measured(&setting), camera)?.image, &exact, subject.background);
             }
@@ -108,13 +108,13 @@ impl Sort {
         }
         let [mean, distance] = sums.map(Sums::errors);
         let milliseconds = run_times(&mut trial, subject, repeats)?;
-        let of_executor = of_executor.map(Sums::errors).into_iter().zip(ORDERS).zip(milliseconds);
+        let by_order = by_order.map(Sums::errors).into_iter().zip(ORDERS).zip(milliseconds);
         let sorted = |((errors, order), milliseconds): ((Errors, BlendOrder), Option<f64>)| Sorted {
             by: name(order),
             errors,
             milliseconds,
         };
-        let mut orders: Vec<Sorted> = of_executor.map(sorted).collect();
+        let mut orders: Vec<Sorted> = by_order.map(sorted).collect();
         orders[0].errors = mean;
         orders.insert(1, Sorted { by: "distance of the mean".to_owned(), errors: distance, milliseconds: None });
         let size = cameras.first().map_or([0; 2], |camera| [camera.width, camera.height]);

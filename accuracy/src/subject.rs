@@ -17,9 +17,9 @@ use std::sync::Arc;
 pub struct Subject {
     /// The Gaussians.
     pub gaussians: Gaussians<Vec<f32>>,
-    /// Light at a valid resolution; none for unlit scenes.
+    /// Light at a valid resolution; `None` for unlit scenes.
     pub light: Option<Environment<Vec<f32>>>,
-    /// Surface of the scene that reflected rays may meet.
+    /// Surface of the scene that reflected rays may hit.
     pub near_field: Option<Arc<NearField<Vec<f32>>>>,
     /// Shading rules.
     pub shading: ShadingRules,
@@ -35,7 +35,7 @@ pub struct Subject {
 
 impl Subject {
     /// Returns whether exact pictures exist. There are none for GaussianShader's shading and
-    /// prefilter, which its code alone defines.
+    /// prefilter, which only its code defines.
     pub fn has_reference(&self) -> bool {
         !self.gaussians.layout.is_shaded()
             || (self.shading.form != ShadingForm::Official && self.scheme == PrefilterScheme::Exact)
@@ -57,7 +57,7 @@ impl Subject {
 }
 
 /// Halves the resolution of a light: means of radiance over 2 × 2 texels, weighted by solid angle,
-/// which preserves total radiance. A network stays as it is, evaluated in fewer texels.
+/// which preserves total radiance. A network stays unchanged, evaluated in fewer texels.
 pub fn halved(light: &Environment<Vec<f32>>) -> Environment<Vec<f32>> {
     let (fine, resolution) = (light.resolution, light.resolution / 2);
     if light.is_network() {
@@ -72,8 +72,8 @@ pub fn halved(light: &Environment<Vec<f32>>) -> Environment<Vec<f32>> {
         let angles = children.map(|(column, row)| texel_solid_angle(column, row, fine) as f32);
         let sum: f32 = angles.iter().sum();
         for c in 0..3 {
-            let of_child = |k: usize| radiance(texel_index(face, children[k].0, children[k].1, fine), c);
-            values.push((0..4).map(|k| angles[k] * of_child(k)).sum::<f32>() / sum);
+            let child_radiance = |k: usize| radiance(texel_index(face, children[k].0, children[k].1, fine), c);
+            values.push((0..4).map(|k| angles[k] * child_radiance(k)).sum::<f32>() / sum);
         }
     }
     Environment { resolution, activation: RadianceActivation::Identity, values }

@@ -270,8 +270,8 @@ fn bytes(gaussians: &Gaussians<Vec<f32>>, light: Option<&Light>, storage: Storag
         Storage::F32 => size_of::<[f32; 4]>(),
         Storage::F16 => size_of::<[f32; 2]>(),
     };
-    let of_light = light.map_or(0, |light| light.texel_count() * texel);
-    size_of::<u32>() * storage.words(gaussians.layout) * gaussians.count + of_light
+    let light_bytes = light.map_or(0, |light| light.texel_count() * texel);
+    size_of::<u32>() * storage.words(gaussians.layout) * gaussians.count + light_bytes
 }
 
 fn milliseconds(start: Instant) -> f64 {

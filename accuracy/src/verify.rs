@@ -113,7 +113,7 @@ impl Verified {
 }
 
 /// Errors of verified and of unverified pictures against exact ones, relative to the allowed error:
-/// under the setting alone, and verified.
+/// without and with verification.
 ///
 /// # Errors
 ///
@@ -160,8 +160,8 @@ mod tests {
         }
     }
 
-    /// Number of pictures of an orbit within some errors and of those beyond, under the setting
-    /// alone and verified. Ground truth is the independent renderer in this order.
+    /// Number of pictures of an orbit within some errors and of those beyond, without and with
+    /// verification. Ground truth is the independent renderer in this order.
     fn beyond(order: BlendOrder, scene: StressScene, errors: &[f64]) -> (usize, [usize; 2]) {
         let (name, subject) = (scene.name, subject_in(order, scene));
         let reference = Reference::new(&subject);
@@ -222,11 +222,11 @@ mod tests {
             (verified.view(&camera, Channels::Color).expect("it renders"), verified.tally())
         };
         let (shown, tally) = view(certificate, true);
-        let (most_exact, of_exact) = view(Certificate { setting: exact, ..certificate }, true);
+        let (most_exact, exact_tally) = view(Certificate { setting: exact, ..certificate }, true);
         assert_eq!(shown.values, most_exact.values, "the default setting omits the haze");
-        assert_eq!((tally.pictures, tally.replaced, of_exact.replaced), (1, 1, 0));
+        assert_eq!((tally.pictures, tally.replaced, exact_tally.replaced), (1, 1, 0));
         assert!(tally.beyond > 1e-4 && tally.cost[1] > tally.cost[0], "{tally:?}");
-        assert_eq!(of_exact.cost[0], of_exact.cost[1], "what is most exact is not compared with itself");
+        assert_eq!(exact_tally.cost[0], exact_tally.cost[1], "what is most exact is not compared with itself");
 
         let (unverified, tally) = view(certificate, false);
         assert!(unverified.values != most_exact.values && tally.replaced == 0, "it is the picture of the setting");

@@ -61,7 +61,7 @@ fn distances_are_those_of_the_reference_package() {
 }
 
 #[test]
-fn what_goes_in_matters() {
+fn distances_depend_on_the_input_range() {
     let [one, other] = pictures();
     let doubled = |image: &Image<Vec<f32>>| Image {
         values: image.values.iter().map(|value| 2.0 * value - 1.0).collect(),
@@ -74,7 +74,7 @@ fn what_goes_in_matters() {
 }
 
 #[test]
-fn it_is_the_same_whichever_picture_comes_first() {
+fn distances_are_symmetric() {
     let network = network(VGG);
     let [one, other] = pictures();
     assert_eq!(network.distance(&one, &other), network.distance(&other, &one));
@@ -88,7 +88,7 @@ fn files_say_which_network_they_hold() {
 }
 
 #[test]
-fn what_is_too_small_has_no_distance() {
+fn too_small_pictures_have_no_distance() {
     let network = network(VGG);
     let grey = |size: usize| Image { width: size, height: size, channels: 3, values: vec![0.5; 3 * size * size] };
     let refused = network.distance(&grey(15), &grey(15)).unwrap_err().to_string();
@@ -97,7 +97,7 @@ fn what_is_too_small_has_no_distance() {
 }
 
 #[test]
-fn what_is_no_number_is_not_lost_on_the_way() {
+fn pictures_with_nan_are_refused() {
     let [one, mut other] = pictures();
     other.values[0] = f32::NAN;
     let refused = network(VGG).distance(&one, &other).unwrap_err().to_string();
@@ -110,7 +110,7 @@ fn run_otherwise() -> Vec<u8> {
 }
 
 #[test]
-fn what_is_no_network_is_refused_with_what_is_wrong() {
+fn invalid_network_files_are_refused_with_their_fault() {
     let [no_model, other_layer] = [b"no network".to_vec(), with(VGG, "MaxPool", "MinPool")];
     for (bytes, word) in [(no_model, "no ONNX model"), (other_layer, "MinPool"), (run_otherwise(), "its check")] {
         let refused = Network::from_bytes(bytes).unwrap_err().to_string();

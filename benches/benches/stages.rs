@@ -71,7 +71,7 @@ fn stages_of(criterion: &mut Criterion, name: &str) {
     measure_step(&mut exec, &mut scene, &mut groups).expect("the CPU trains");
 }
 
-/// Stages of a picture, for its colours alone, and those of the CPU beside.
+/// Stages of a picture for only its colours, and those of the CPU beside.
 fn picture_stages(exec: &mut CpuExecutor, view: &View<'_, CpuExecutor>, groups: &mut Groups<'_, CpuExecutor>) {
     measure_picture(exec, view, groups).expect("the CPU renders");
     let splats = exec.project(view.cloud, view.camera).expect("the CPU projects");
@@ -100,8 +100,8 @@ fn steps(criterion: &mut Criterion) {
     }
 }
 
-/// A scene in which nothing shines, under a light, rendered by its plan: what is left is plain
-/// Gaussian splatting.
+/// A scene without specular tints, under a light, rendered by its plan: plain Gaussian splatting
+/// remains.
 fn diffuse(criterion: &mut Criterion) {
     const NO_TINT: f32 = -100.0;
     let mut exec = CpuExecutor::new();

@@ -1,5 +1,5 @@
 //! Loss of pictures by half precision: of all that `Storage::F16` stores in halves, and of each
-//! kind of number alone, among them means and scales, which it keeps in full. Measured on the
+//! kind of number separately, among them means and scales, which it keeps in full. Measured on the
 //! torus, and on the model folders given as arguments.
 
 use core::ops::Range;

@@ -44,7 +44,7 @@ pub fn torus(count: usize, profile: &Profile) -> Gaussians<Vec<f32>> {
     cloud
 }
 
-/// Surface of the torus as rays meet it: a mesh of 2 · 512 · 128 triangles.
+/// Surface of the torus as rays hit it: a mesh of 2 · 512 · 128 triangles.
 pub fn near_field() -> NearField<Vec<f32>> {
     const AROUND: u32 = 512;
     const ACROSS: u32 = 128;

@@ -1,4 +1,4 @@
-//! The torus under its sky on any executor: as a training knows it, and as it is looked at.
+//! The torus under its sky on any executor: for training and for rendering.
 
 use crate::{camera, environment, near_field, torus};
 use specula_core::{
@@ -15,7 +15,7 @@ use specula_train::profile::{Profile, by_name};
 /// Texels along an edge of the sky's faces.
 pub const LIGHT: usize = 64;
 
-/// A scene and everything that a training knows of it.
+/// Scene with everything that a training needs.
 #[derive(Debug)]
 pub struct Scene<E: Executor> {
     /// Training settings.
@@ -32,7 +32,7 @@ pub struct Scene<E: Executor> {
     pub rates: Vec<f32>,
 }
 
-/// A cloud as it is looked at.
+/// Scene for rendering.
 #[derive(Debug)]
 pub struct View<'a, E: Renderer> {
     /// The Gaussians.

@@ -97,8 +97,8 @@ impl Amounts {
     }
 
     /// Bytes that a stage has to read and write once, on a device: an estimate, without the light,
-    /// which stays in caches. None where several kernels go over the same memory again and again,
-    /// so that the count would say little.
+    /// which stays in caches. `None` where several kernels pass over the same memory repeatedly, so
+    /// that the count would mean little.
     pub fn bytes(&self, stage: Stage) -> Option<usize> {
         let Self { gaussians, layout, pixels, work: Work { intersections, .. }, .. } = *self;
         let channels = self.rules.blended(layout).count();
@@ -165,7 +165,7 @@ fn nothing<E: Renderer>(_: &mut E) -> Result<(), E::Error> {
     Ok(())
 }
 
-/// Measures the stages of a picture, then all of them together for its colours alone.
+/// Measures the stages of a picture, then all of them together for only its colours.
 ///
 /// # Errors
 ///

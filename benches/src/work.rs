@@ -144,7 +144,7 @@ mod tests {
     use specula_cpu::CpuExecutor;
     use specula_train::profile::by_name;
 
-    /// Kernels and loop differ by rounding alone: α of the same formula, summed in the same order.
+    /// Kernels and loop differ only by rounding: α of the same formula, summed in the same order.
     const ROUNDING: f32 = 2e-5;
 
     #[test]

@@ -6,7 +6,7 @@ use crate::{
 };
 use core::fmt;
 use specula_scene::ExecutorChoice;
-use specula_train::exchange::{Exchange, PATIENCE, ThreadExchange, threads};
+use specula_train::exchange::{Exchange, RANK_TIMEOUT, ThreadExchange, threads};
 use std::{
     sync::Mutex,
     thread::{self, ScopedJoinHandle},
@@ -92,7 +92,7 @@ pub(crate) fn share_among_threads(
     let run_other = |exchange: ThreadExchange| {
         tracing::subscriber::with_default(progress::subscriber(is_quiet, false), || run(exchange))
     };
-    let mut exchanges = threads(count, PATIENCE).into_iter();
+    let mut exchanges = threads(count, RANK_TIMEOUT).into_iter();
     let first = exchanges.next().expect("there is a rank");
     thread::scope(|scope| {
         let others: Vec<ScopedJoinHandle<'_, _>> =

@@ -10,10 +10,10 @@
 //!   deviation s is √0.2 times the smallest distance of two samples, depth / focal length, over the
 //!   views that see the Gaussian ([`sampling_interval`]).
 //!
-//! The deviations are the last plane of a cloud ([`crate::scene::Layout::filter_plane`]), one of
-//! its numbers that no gradient reaches. As a plane they go wherever a Gaussian goes: into the
-//! children of densification, the order in memory, checkpoints, uploads and files; an array beside
-//! the cloud would repeat each of these. A cloud without the plane is neither longer nor slower.
+//! The deviations are the last plane of a cloud ([`crate::scene::Layout::filter_plane`]) and have
+//! no gradient. As a plane they follow their Gaussian through densification, Morton order,
+//! checkpoints, uploads and files without code of their own. A cloud without the plane is neither
+//! longer nor slower.
 
 use crate::{
     camera::CameraOf,
@@ -56,8 +56,8 @@ impl LowPass {
     }
 }
 
-/// Least det Σ₂ / det(Σ₂ + b I) that compensation tells from smaller ones: its root, 1/1000, makes
-/// any splat too faint for an 8-bit picture, and the slope of the root is finite above it.
+/// Least det Σ₂ / det(Σ₂ + b I) in the compensation. Its root, 1/1000, makes any splat too faint
+/// for an 8-bit picture, and the slope of the root is finite above it.
 pub const COMPENSATION_MIN: f32 = 1e-6;
 
 /// Deviations of the filter in space are kept below this, e^40, the limit of scales.
@@ -118,25 +118,25 @@ fn share<R: Real>(scales: Vec3<R>, wider: Vec3<R>) -> R {
 /// Distances of two samples of views at a point, in world units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SamplingInterval<R> {
-    /// Depth / focal length, least of the views that see the point; `f32::MAX` for none.
+    /// Smallest depth / focal length of the views that see the point; `f32::MAX` for none.
     pub seen: R,
-    /// Distance / focal length, least of all views: the interval of a view that turns to the point.
+    /// Smallest distance / focal length of all views: the interval of a view turned to the point.
     pub turned: R,
 }
 
 impl<R: Real> SamplingInterval<R> {
-    /// That of no view.
+    /// Interval of no view.
     #[inline(always)]
     pub fn none(like: R) -> Self {
         Self { seen: like.constant(f32::MAX), turned: like.constant(f32::MAX) }
     }
-    /// The smaller intervals of two sets of views.
+    /// Smaller intervals of two sets of views.
     #[inline(always)]
     pub fn min(self, other: Self) -> Self {
         Self { seen: other.seen.min(self.seen), turned: other.turned.min(self.turned) }
     }
     /// Deviation of the filter in space, [`DEVIATION_SHARE`] of the interval; a point that no view
-    /// sees has that of the view for which it would be least.
+    /// sees uses the smallest interval of a view turned to it.
     #[inline(always)]
     pub fn filter(self) -> R {
         let is_seen = self.seen.less(self.seen.constant(f32::MAX));
@@ -144,9 +144,9 @@ impl<R: Real> SamplingInterval<R> {
     }
 }
 
-/// Sampling interval of one view at a point. Views see as far as their splats are projected
-/// ([`crate::camera::SLOPE_MARGIN`]): the picture and 15 % around it, Mip-Splatting's margin, from
-/// the near plane on. The focal length is the longer one.
+/// Sampling interval of one view at a point. A view sees the range in which splats are projected
+/// ([`crate::camera::SLOPE_MARGIN`]): the picture and 15 % around it, Mip-Splatting's margin,
+/// beyond the near plane. The focal length is the longer of the two.
 #[inline(always)]
 pub fn sampling_interval<R: Real>(point: Vec3<R>, camera: &CameraOf<R>) -> SamplingInterval<R> {
     let p = camera.to_camera(point);

@@ -169,30 +169,30 @@ pub struct LightSample<R> {
 }
 
 impl<R: Real> LightSample<R> {
-    /// Darkness.
+    /// No light: all zeros.
     #[inline(always)]
     pub fn none(like: R) -> Self {
         Self { specular: Vec3::zero(like), ambient: Vec3::zero(like), split_sum: [like.zero(); 2] }
     }
 }
 
-/// Gradient that comes back through the lookups of a [`LightSample`].
+/// Gradient through the lookups of a [`LightSample`].
 #[derive(Clone, Copy, Debug)]
 pub struct LookupGrad<R> {
-    /// Gradients of the reflected direction and of the roughness; none where no light was looked
-    /// up.
+    /// Gradients of the reflected direction and of the roughness; `None` without a specular lookup.
     pub specular: Option<(Vec3<R>, R)>,
-    /// Gradients of the normal, and of n·v and the roughness through the split-sum table; none but
-    /// for [`ShadingForm::Official`] under a light.
+    /// Gradients of the normal, and of n·v and the roughness through the split-sum table; `None`
+    /// except for [`ShadingForm::Official`] under a light.
     pub ambient: Option<(Vec3<R>, [R; 2])>,
 }
 
-/// Channels of all layers, in the order of [`mod@channel`]; zero where a layer was not asked for.
+/// Channels of all layers, in the order of [`mod@channel`]; zero for layers that were not
+/// requested.
 #[derive(Clone, Copy, Debug)]
 pub struct LayerChannels<R>(pub [R; Channels::Layers.count()]);
 
 impl<R: Real> LayerChannels<R> {
-    /// Depth alone.
+    /// Only the depth; the other channels are zero.
     #[inline(always)]
     fn with_depth(depth: R) -> Self {
         let mut channels = Self([depth.zero(); Channels::Layers.count()]);
@@ -247,7 +247,7 @@ pub fn shape_vjp<R: Real>(
     out.set(OPACITY, grad.opacity_logit);
 }
 
-/// Shading of a cloud: its planes, and the rules by which they become colours.
+/// Shading of a cloud: layout of its planes, and rendering rules.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GaussianShading {
     /// Planes of the cloud.
@@ -271,7 +271,7 @@ pub struct ShadedGaussian<R: Real> {
 }
 
 impl<R: Real> ShadedGaussian<R> {
-    /// Terms of the shading function under the light that was looked up.
+    /// Terms of the shading function under the light of a lookup.
     #[inline(always)]
     pub fn terms(&self, light: &LightSample<R>) -> Terms<R> {
         let [diffuse, tint] = match self.ambient {
@@ -307,23 +307,23 @@ impl GaussianShading {
     pub fn channels(&self) -> Channels {
         self.rules.blended(self.layout)
     }
-    /// Tests whether more than the diffuse and residual colour of a Gaussian is read.
+    /// Tests whether shading reads more than the diffuse and residual colour of a Gaussian.
     #[inline(always)]
     pub fn reads_surface(&self) -> bool {
         self.layout.is_shaded() && !self.rules.is_color_alone(self.layout)
     }
-    /// Tests whether Gaussians look light up, if there is any: not where pixels do.
+    /// Tests whether Gaussians look up a light; they do not if pixels do.
     #[inline(always)]
     pub fn looks_light_up(&self) -> bool {
         self.layout.is_shaded() && !self.rules.is_deferred(self.layout)
     }
-    /// First of the planes of the physical material, where that is what is shaded.
+    /// First plane of the physical material, if the rules shade it.
     #[inline(always)]
     fn physical_planes(&self) -> Option<usize> {
         if self.rules.shading.form == ShadingForm::Physical { self.layout.physical_planes() } else { None }
     }
-    /// Attributes before activation, of a physical material albedo and metalness in the places of
-    /// diffuse colour and tint; residuals of normals are zero where the rules leave them out.
+    /// Attributes before activation. A physical material has albedo and metalness in place of
+    /// diffuse colour and tint. Normal residuals are zero if the rules omit them.
     #[inline(always)]
     pub fn material<R: Real>(&self, planes: &impl AttributePlanes<R>) -> Material<R> {
         let mut normal_residuals = [Vec3::zero(planes.number(OPACITY)); 2];
@@ -358,8 +358,8 @@ impl GaussianShading {
         ShadedGaussian { material, surface, harmonics: self.harmonics(planes, eye), ambient }
     }
 
-    /// Channels of a Gaussian that reads no surface, and the finiteness of what it reads: harmonics
-    /// alone, or diffuse and residual colour.
+    /// Channels of a Gaussian that reads no surface, and whether the attributes that it reads are
+    /// finite: only harmonics, or diffuse and residual colour.
     #[inline(always)]
     pub fn color_channels<R: Real>(
         &self,
@@ -409,8 +409,8 @@ impl GaussianShading {
         channels
     }
 
-    /// Gradient of the terms of [`GaussianShading::surface_channels`] through the colour; its light
-    /// is that of the [`LightSample`].
+    /// Gradient of the terms of [`GaussianShading::surface_channels`] through the colour; the
+    /// gradient of its light is that of the [`LightSample`].
     #[inline(always)]
     pub fn terms_vjp<R: Real>(&self, terms: &Terms<R>, channels: &LayerChannels<R>) -> Terms<R> {
         shade_vjp(self.rules.shading.form, terms, channels.vec3(channel::COLOR))
@@ -445,15 +445,15 @@ impl GaussianShading {
         out: &mut impl AttributeGrads<R>,
     ) -> PoseGrad<R> {
         let zero = shaded.surface.roughness.zero();
-        let of_tint = terms.tint + channels.vec3(channel::TINT);
-        let [of_diffuse, of_tint] = match shaded.ambient {
+        let grad_tint = terms.tint + channels.vec3(channel::TINT);
+        let [grad_diffuse, grad_tint] = match shaded.ambient {
             Some(ambient) => {
-                let of_reflectances = [terms.diffuse.times(ambient), of_tint];
+                let grad_reflectances = [terms.diffuse.times(ambient), grad_tint];
                 let (albedo, metalness) =
-                    reflectances_vjp(shaded.surface.diffuse, shaded.surface.tint.x, of_reflectances);
+                    reflectances_vjp(shaded.surface.diffuse, shaded.surface.tint.x, grad_reflectances);
                 [albedo, vec3(metalness, zero, zero)]
             }
-            None => [terms.diffuse, of_tint],
+            None => [terms.diffuse, grad_tint],
         };
         let mut grad = SurfaceGrad {
             normal: channels.vec3(channel::NORMAL),
@@ -461,8 +461,8 @@ impl GaussianShading {
             reflection_dir: Vec3::splat(zero),
             view_dir: shaded.harmonics.vjp(planes, self.layout.sh_start(), terms.residual, out),
             n_dot_v: zero,
-            diffuse: of_diffuse,
-            tint: of_tint,
+            diffuse: grad_diffuse,
+            tint: grad_tint,
             roughness: channels.0[channel::ROUGHNESS],
         };
         if let Some((reflection_dir, roughness)) = lookup.specular {

@@ -5,10 +5,10 @@
 //! have no weight, and the transmittance before is kept for the background.
 //!
 //! All channels are composited in one pass: colour, normal, depth and |Δn|² (8 channels; 12 with
-//! tint and roughness, for light per pixel), or all layers of a picture (24). Pictures of colours
-//! alone blend the inputs of the light lookup (10 channels, without depth and |Δn|²), or colours
-//! (3). The backward pass replays splats front to back with the product of the pixel's gradient and
-//! everything still to come, so a channel costs two multiply-adds.
+//! tint and roughness, for light per pixel), or all layers of a picture (24). Pictures that only
+//! show colours blend the inputs of the light lookup (10 channels, without depth and |Δn|²), or
+//! only colours (3). The backward pass replays splats front to back with the product of the pixel's
+//! gradient and all splats behind, so a channel costs two multiply-adds.
 
 use crate::{
     cutoffs::Cutoffs,
@@ -54,8 +54,8 @@ pub fn offset_of_origin<R: Real>(splat: &Splat2d<R>) -> [R; 2] {
 
 /// Scaled W δ of a pixel: it is linear in the pixel, so W p is added to the origin's.
 #[inline(always)]
-pub fn offset_from<R: Real>(of_origin: [R; 2], [xx, yx, yy]: [R; 3], [x, y]: [R; 2]) -> [R; 2] {
-    [xx.mul_add(x, of_origin[0]), yx.mul_add(x, yy.mul_add(y, of_origin[1]))]
+pub fn offset_from<R: Real>(at_origin: [R; 2], [xx, yx, yy]: [R; 3], [x, y]: [R; 2]) -> [R; 2] {
+    [xx.mul_add(x, at_origin[0]), yx.mul_add(x, yy.mul_add(y, at_origin[1]))]
 }
 
 /// log₂ (opacity · 2^(−|W δ|²)) at a scaled offset; opacities are at most one.
@@ -131,7 +131,7 @@ pub struct PixelState<R> {
 }
 
 impl<R: Real> PixelState<R> {
-    /// Before the first splat.
+    /// State before the first splat.
     #[inline(always)]
     pub fn open(like: R) -> Self {
         Self { transmittance: like.constant(1.0), final_transmittance: like.constant(1.0) }
@@ -153,7 +153,7 @@ pub struct Composite<R> {
     pub behind: PixelState<R>,
 }
 
-/// One splat over a pixel.
+/// Composites one splat over a pixel.
 #[inline(always)]
 pub fn step<R: Real>(alpha: R, front: PixelState<R>) -> Composite<R> {
     Cutoffs::DEFAULT.step(alpha, front)
@@ -175,7 +175,7 @@ impl Cutoffs {
         let strength = log2_strength.exp2_of_small();
         strength.min(strength.constant(MAX_ALPHA)).keep(self.passes_alpha_test(log2_strength))
     }
-    /// One splat over a pixel.
+    /// Composites one splat over a pixel.
     #[inline(always)]
     pub fn step<R: Real>(&self, alpha: R, front: PixelState<R>) -> Composite<R> {
         let transmittance = transmittance_behind(alpha, front.transmittance);
@@ -248,13 +248,13 @@ pub struct OffsetMoments<R> {
 }
 
 impl<R: Real> OffsetMoments<R> {
-    /// No pixels.
+    /// Moments over no pixels.
     #[inline(always)]
     pub fn zero(like: R) -> Self {
         let zero = like.zero();
         Self { first: [zero; 2], second: [zero; 3], sum: zero }
     }
-    /// With one more pixel.
+    /// Adds one more pixel.
     #[inline(always)]
     pub fn with(self, h: R, [u, w]: [R; 2]) -> Self {
         let (hu, hw) = (h * u, h * w);

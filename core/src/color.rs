@@ -45,9 +45,8 @@ pub(crate) fn srgb_color_vjp<R: Real>(linear: Vec3<R>, srgb: Vec3<R>, grad: Vec3
     }
 }
 
-/// Residual colours are no larger than this, of either sign: brighter than any light, and the
-/// gradients of losses, which go with the square of what a picture shows, stay far from the end of
-/// an `f32`.
+/// Largest magnitude of residual colours: brighter than any light, while gradients of losses, which
+/// grow with the square of a picture, stay far from the end of an `f32`.
 pub const COLOR_MAX: f32 = 1e6;
 
 /// A colour within ± [`COLOR_MAX`].
@@ -83,9 +82,8 @@ pub fn from_byte<R: Real>(byte: R) -> R {
     byte * (1.0 / 255.0)
 }
 
-/// A pixel of a true picture of which nothing is known: it counts in no loss and in no measure. At
-/// an alpha of zero no colour is seen, so this one is reserved; other transparent pixels get
-/// another.
+/// Unknown pixel of a true picture, which no loss and no measure counts. At an alpha of zero no
+/// colour is seen, so this one is reserved; other transparent pixels get another.
 pub const UNKNOWN: [u8; 4] = [254, 1, 254, 0];
 
 /// Whether a pixel of red, green, blue and alpha bytes is [`UNKNOWN`].
@@ -99,7 +97,7 @@ pub fn has_alpha(rgba: &[u8]) -> bool {
     rgba.chunks_exact(4).any(|pixel| pixel[3] < u8::MAX && !is_unknown(pixel))
 }
 
-/// A blended colour over a background that shines through: C + T · background.
+/// Blended colour over a visible background: C + T · background.
 #[inline(always)]
 pub fn composite<R: Real>(color: R, transmittance: R, background: R) -> R {
     transmittance.mul_add(background, color)

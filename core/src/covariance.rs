@@ -16,7 +16,7 @@ pub const QUAT_MIN: f32 = 1e-12;
 /// `f32`.
 pub const LOG_SCALE_LIMIT: f32 = 40.0;
 
-/// The rotation that a quat stands for, after normalisation. A quat of length zero is the identity.
+/// Rotation of a quat, after normalisation. A quat of length zero is the identity.
 #[inline(always)]
 pub fn rotation<R: Real>(quat: Quat<R>) -> Mat3<R> {
     rotation_of_unit(normalize_quat(quat).0)

@@ -203,7 +203,7 @@ pub fn bilinear_vjp<R: Real>(texels: [Vec3<R>; 4], right: R, lower: R, grad: Vec
     (grad.dot(top.add_scaled(lower, bottom - top)), grad.dot(below - upper))
 }
 
-/// Weights of the four texels in [`bilinear`]: what a texel's gradient is multiplied by.
+/// Weights of the four texels in [`bilinear`], by which their gradients are multiplied.
 #[inline(always)]
 pub fn bilinear_weights<R: Real>(right: R, lower: R) -> [R; 4] {
     let (left, upper) = (-right + 1.0, -lower + 1.0);

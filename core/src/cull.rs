@@ -46,7 +46,7 @@ pub enum CullReason {
     Faint,
     /// It lies behind the eye, or nearer than [`Camera::near`].
     Near,
-    /// Its place, on the way to the screen, or the sum of its harmonics is too large for an `f32`.
+    /// A value of its projection, or the sum of its harmonics, is too large for an `f32`.
     TooLarge,
     /// The box around it misses the picture.
     Outside,
@@ -98,8 +98,8 @@ impl CullReason {
         }
     }
 
-    /// Reason for a Gaussian in pictures that read all its attributes; without a camera, as far as
-    /// its own numbers tell.
+    /// Reason for a Gaussian in pictures that read all its attributes. Without a camera, only its
+    /// own numbers are tested.
     pub fn of<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize, camera: Option<&Camera>) -> Self {
         nonfinite(gaussians, gaussian)
             .unwrap_or_else(|| camera.map_or(Self::Drawn, |camera| in_view(gaussians, gaussian, camera)))
@@ -113,7 +113,7 @@ pub struct CullStats {
 }
 
 impl CullStats {
-    /// Looks at every Gaussian once; without a camera, at its own numbers alone.
+    /// Reads every Gaussian once; without a camera, tests only its own numbers.
     pub fn of<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, camera: Option<&Camera>) -> Self {
         let mut counts = [0; CullReason::ALL.len()];
         (0..gaussians.count).for_each(|gaussian| counts[CullReason::of(gaussians, gaussian, camera) as usize] += 1);
@@ -129,7 +129,7 @@ impl CullStats {
     }
 }
 
-/// Planes of an attribute, first and past the last, and what it means that they are not finite.
+/// Planes of an attribute, first and past the last, with the reason if they are not finite.
 const GEOMETRY: [(usize, usize, CullReason); 4] = [
     (MEAN, LOG_SCALE, CullReason::NonfiniteMean),
     (LOG_SCALE, QUAT, CullReason::NonfiniteScale),

@@ -1,8 +1,8 @@
 //! Culling and early-termination thresholds, and the projection model and order of splats.
 //!
 //! Cutoffs are data: the minimum alpha, the transmittance at which a pixel ends, the reach of
-//! splats into tiles, their projection, and their order in a pixel. Training uses the default ones
-//! alone, because gradients assume them; renderers accept any.
+//! splats into tiles, their projection, and their order in a pixel. Training uses only the
+//! defaults, because gradients assume them; renderers accept any.
 
 use crate::real::Real;
 
@@ -16,7 +16,7 @@ const LOG2_ALPHA_MARGIN: f32 = 0.005_646_6;
 /// splats end a pixel.
 pub const TRANSMITTANCE_MIN: f32 = 1e-4;
 
-/// Projection of Gaussians to splats. Training supports [`ProjectionModel::Affine`] alone.
+/// Projection of Gaussians to splats. Training supports only [`ProjectionModel::Affine`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ProjectionModel {
     /// Local affine (EWA, Zwicker et al. 2001), with INRIA's limit of the slope.
@@ -31,17 +31,17 @@ pub enum ProjectionModel {
     Within(f32),
 }
 
-/// Order of the splats in a pixel; ties keep the order of the tile. Training supports
-/// [`BlendOrder::Mean`] alone.
+/// Order of the splats in a pixel; ties keep the order of the tile. Training supports only
+/// [`BlendOrder::Mean`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BlendOrder {
     /// Depth of the mean, for all pixels of a picture (3DGS).
     #[default]
     Mean,
-    /// Depth of the largest response along the pixel's ray ([`crate::order`]) within a window: the
-    /// splats that are visible in the pixel come by the depth of their means into a buffer of this
-    /// many, from 1 to [`WINDOW_MAX`], and the nearest is blended whenever it is full (after Radl
-    /// et al. 2024, StopThePop). A window of one is [`BlendOrder::Mean`].
+    /// Depth of the largest response along the pixel's ray ([`crate::order`]) within a window:
+    /// splats that are visible in the pixel enter a buffer of this length, from 1 to
+    /// [`WINDOW_MAX`], by the depth of their means, and the nearest is blended whenever the buffer
+    /// is full (after Radl et al. 2024, StopThePop). A window of one is [`BlendOrder::Mean`].
     Window(u32),
     /// Depth of the largest response along the pixel's ray: exact.
     Pixel,
@@ -111,8 +111,8 @@ impl Cutoffs {
         Self { transmittance_min: transmittance_min.max(THRESHOLD_MIN), ..self }
     }
     /// Sets the largest reach of splats into tiles, in standard deviations; infinity cuts nothing
-    /// off. Within a tile that holds it a splat is drawn as far as its alpha allows, so a cut shows
-    /// at the seams of tiles.
+    /// off. Within a tile, its splats are drawn as far as their alpha allows, so a cut shows at the
+    /// seams of tiles.
     pub fn with_reach_max(self, reach_max: f32) -> Self {
         Self { reach_max, ..self }
     }

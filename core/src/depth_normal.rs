@@ -16,7 +16,7 @@ pub fn is_surface<R: Real>(coverage: R) -> R::Mask {
 }
 
 /// Expected depth of a pixel from its blended depth Σ w z and its coverage A = Σ w: their quotient.
-/// Callers leave out pixels of small coverage.
+/// Callers skip pixels of small coverage.
 #[inline(always)]
 pub fn expected_depth<R: Real>(blended_depth: R, coverage: R) -> R {
     blended_depth / coverage

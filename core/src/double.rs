@@ -1,4 +1,4 @@
-//! `f64` as a [`Real`]: the oracle that every error figure is measured against.
+//! `f64` as a [`Real`]: the reference of every error figure.
 
 use crate::{math, real::Real};
 use core::ops::{Add, Div, Mul, Neg, Sub};

@@ -1,5 +1,5 @@
-//! Dual numbers: a value and its exact derivative along one direction, to hold every `_vjp`
-//! against.
+//! Dual numbers: a value and its exact derivative along one direction, the reference of every
+//! `_vjp`.
 
 use crate::{math, real::Real};
 use core::ops::{Add, Div, Mul, Neg, Sub};
@@ -18,7 +18,7 @@ impl Dual {
     pub fn constant_from(value: f64) -> Self {
         Self { value, slope: 0.0 }
     }
-    /// The variable that is derived along.
+    /// Variable of the derivative.
     pub fn variable(value: f64) -> Self {
         Self { value, slope: 1.0 }
     }

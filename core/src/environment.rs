@@ -10,8 +10,8 @@ use crate::{
     vector::vec3,
 };
 
-/// Radiance of one stored number, or of one answer of a network: the number itself, or e to its
-/// power.
+/// Radiance of one stored number, or of one output of a network: the number itself, or its
+/// exponential.
 ///
 /// The exponential is [`Real::exp_wide`], which has the range of a light: e⁻¹⁰⁴ is zero in `f32`.
 #[inline(always)]
@@ -40,8 +40,8 @@ pub fn number_of(activation: RadianceActivation, radiance: f32) -> f32 {
     }
 }
 
-/// Linear radiance of every texel of an environment, in order: of its numbers, or what its network
-/// answers at roughness 0.
+/// Linear radiance of every texel of an environment, in order: from its numbers, or from its
+/// network at roughness 0.
 pub fn texels<A: AsRef<[f32]>>(light: &Environment<A>) -> impl Iterator<Item = [f32; 3]> + '_ {
     let Environment { resolution, activation, values } = light;
     let values = values.as_ref();

@@ -15,17 +15,17 @@ use crate::{
 };
 use core::ops::Range;
 
-/// Surface around lamps: `N` is a near field of an executor.
+/// Surface around lamps; `N` is the near field of an executor.
 #[derive(Clone, Copy, Debug)]
 pub struct Occluder<'a, N> {
     /// Surface that casts shadows.
     pub surface: &'a N,
-    /// Irradiance / π of each vertex by the lamps' light that other parts of the surface reflect:
-    /// red, green and blue, finite; empty where none is reflected.
+    /// Irradiance / π of each vertex by lamp light that other parts of the surface reflect: red,
+    /// green and blue, finite; empty without reflected light.
     pub reflected: &'a [f32],
 }
 
-/// Length of a host buffer that does not fit the array or the frame that is read into it.
+/// Error of a host buffer whose length differs from the array or frame that is read into it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BufferLength {
     /// Numbers that are read.
@@ -87,9 +87,9 @@ pub struct TrainingStep<'a, E: Executor> {
     pub target: &'a E::Target,
     /// Background colour, sRGB.
     pub background: [f32; 3],
-    /// Exposure of the photograph; none where colours are compared unchanged.
+    /// Exposure of the photograph; `None` compares colours unchanged.
     pub exposure: Option<&'a Exposure<f32>>,
-    /// Near field that reflected rays are traced against, if the rules say so.
+    /// Near field that reflected rays are traced against, if the rules ask for it.
     pub near_field: Option<&'a E::NearField>,
     /// Rendering rules.
     pub rules: &'a RenderRules,
@@ -97,7 +97,7 @@ pub struct TrainingStep<'a, E: Executor> {
     pub weights: &'a LossWeights,
     /// Whether the step adds to the statistics of densification.
     pub is_observed: bool,
-    /// Learning rate of every plane; of planes at rest [`AT_REST`](crate::optimise::AT_REST).
+    /// Learning rate of every plane; [`AT_REST`](crate::optimise::AT_REST) for planes at rest.
     pub rates: &'a [f32],
     /// Learning rate of the light.
     pub environment_rate: f32,
@@ -112,7 +112,7 @@ pub struct TrainingStep<'a, E: Executor> {
 pub struct StepReport {
     /// Losses before the step.
     pub loss: LossReport,
-    /// Number of gradients that were not finite, and left out.
+    /// Number of gradients that were skipped because they were not finite.
     pub nonfinite: usize,
     /// Gradient of the exposure, if there was one.
     pub exposure: Option<Exposure<f64>>,
@@ -127,7 +127,7 @@ pub struct StepReport {
 pub trait Renderer {
     /// Array of `f32` in the executor's memory.
     type Array;
-    /// Light filtered into levels, and what surrounds the scene's surface nearby.
+    /// Light filtered into levels, with its near field and lamps.
     type Light;
     /// Near field in the executor's memory; a clone shares it.
     type NearField: Clone;
@@ -179,8 +179,7 @@ pub trait Renderer {
     /// [`BufferLength`], where `values` has another length; otherwise the error of the executor.
     fn read_frame(&mut self, frame: &Self::Frame, values: &mut [f32]) -> Result<(), Self::Error>;
 
-    /// Filters light into the roughness levels that are looked up; the others are zero, or filtered
-    /// as well.
+    /// Filters light into the roughness levels of later lookups; other levels may stay zero.
     ///
     /// # Errors
     ///
@@ -200,12 +199,12 @@ pub trait Renderer {
     /// memory or a lost device.
     fn upload_near_field(&mut self, near_field: &NearField<&[f32]>) -> Result<Self::NearField, Self::Error>;
 
-    /// The same light around a near field, in place of one that it had.
+    /// Attaches a near field to a light, and replaces its former one.
     fn surround(&mut self, light: Self::Light, near_field: &Self::NearField) -> Self::Light;
 
-    /// The same light with lamps, in place of those that it had, and with this many shadow rays to
-    /// each lamp that is wider than a point. Surfaces of `occluder` cast the shadows and reflect
-    /// light onto each other; without one there are neither.
+    /// Attaches lamps to a light, and replaces its former ones, with `rays` shadow rays to each
+    /// lamp that is wider than a point. Surfaces of `occluder` cast the shadows and reflect light
+    /// onto each other; `None` disables shadows and indirect light.
     ///
     /// # Errors
     ///
@@ -264,7 +263,8 @@ pub trait Renderer {
 
     /// Traces the reflected ray of every pixel against the near field of the light
     /// ([`mod@crate::near_field`]); the frame keeps the reflections for [`Renderer::shade_pixels`]
-    /// and its gradient. A frame without depths or a light without a near field stays as it is.
+    /// and its gradient. A frame without depths, or of a light without a near field, is returned
+    /// unchanged.
     ///
     /// # Errors
     ///
@@ -272,9 +272,9 @@ pub trait Renderer {
     fn trace(&mut self, surface: Self::Frame, light: &Self::Light, camera: &Camera)
     -> Result<Self::Frame, Self::Error>;
 
-    /// Finds the light of lamps in every pixel ([`mod@crate::lamps`]); the frame keeps it for
-    /// [`Renderer::shade_pixels`] of physical materials. A frame without all layers or a light
-    /// without lamps stays as it is. Pictures alone have lamps: gradients know of none.
+    /// Evaluates the direct light of lamps in every pixel ([`mod@crate::lamps`]); the frame keeps
+    /// it for [`Renderer::shade_pixels`] of physical materials. A frame without all layers, or of a
+    /// light without lamps, is returned unchanged. Render only; not differentiated.
     ///
     /// # Errors
     ///
@@ -314,7 +314,7 @@ pub trait Executor: Renderer {
     /// Picture to compare with.
     type Target;
 
-    /// Whether targets lie in memory of a device, so that they are worth keeping there.
+    /// Whether targets are in device memory, so that caching them there saves uploads.
     const IS_DEVICE: bool = true;
 
     /// Uploads a picture of 8-bit sRGB and straight alpha, row by row.
@@ -326,7 +326,7 @@ pub trait Executor: Renderer {
 
     /// [`Renderer::bin`] for a step of training. An executor that would have to wait for the amount
     /// of memory may estimate it from former steps; if the estimate is too small, no later stage of
-    /// the step changes anything, and [`Executor::report`] says so.
+    /// the step changes anything, and [`Executor::report`] returns `None`.
     ///
     /// # Errors
     ///
@@ -431,16 +431,16 @@ pub trait Executor: Renderer {
         grad: &Self::LightGrad,
     ) -> Result<Self::Array, Self::Error>;
 
-    /// Adds the numbers of an array to those of another that was made alike: gradients of the same
-    /// Gaussians or of the same light, or their statistics.
+    /// Adds an array to another of the same layout: gradients of the same Gaussians or of the same
+    /// light, or their statistics.
     ///
     /// # Errors
     ///
     /// The error of the executor, such as a lost device.
     fn add(&mut self, sum: &mut Self::Array, term: &Self::Array) -> Result<(), Self::Error>;
 
-    /// One step of Adam for every plane, each at its own rate or at rest
-    /// ([`AT_REST`](crate::optimise::AT_REST)). Gradients that are not finite are left out, and
+    /// Takes one Adam step in every plane, at its own rate or at rest
+    /// ([`AT_REST`](crate::optimise::AT_REST)). Gradients that are not finite are skipped and
     /// counted.
     ///
     /// # Errors
@@ -456,7 +456,7 @@ pub trait Executor: Renderer {
     ) -> Result<(), Self::Error>;
 
     /// [`Executor::gaussians_vjp`], then [`Executor::optimise`]. An executor may fuse both, so that
-    /// the gradient never goes through memory; the result is the same to the last bit.
+    /// the gradient is never stored; the result is the same to the last bit.
     ///
     /// # Errors
     ///
@@ -473,14 +473,14 @@ pub trait Executor: Renderer {
     where
         Self: Sized,
     {
-        let (grad, of_light) =
+        let (grad, light_grad) =
             self.gaussians_vjp(gaussians, step.camera, splats, light, step.rules, step.weights, grads)?;
         self.optimise(gaussians, moments, grad, step.rates, step.number)?;
-        Ok(of_light)
+        Ok(light_grad)
     }
 
-    /// One step of Adam for the light. Radiance that is stored without activation is kept between
-    /// zero and `radiance_max`. Gradients that are not finite are left out, and counted.
+    /// Takes one Adam step for the light. Radiance that is stored without activation is kept
+    /// between zero and `radiance_max`. Gradients that are not finite are skipped and counted.
     ///
     /// # Errors
     ///
@@ -496,9 +496,9 @@ pub trait Executor: Renderer {
     ) -> Result<(), Self::Error>;
 
     /// Results of the stages since the last report: the losses of the last picture, the gradient of
-    /// its exposure, and the number of gradients left out. It is the only synchronisation point of
-    /// a step. `None` if [`Executor::bin_for_step`] took too little memory: then nothing was
-    /// changed, and the step has to be repeated, for which there is enough now.
+    /// its exposure, and the number of skipped gradients. It is the only synchronisation point of a
+    /// step. `None` if [`Executor::bin_for_step`] reserved too little memory: then nothing was
+    /// changed, and the step has to be repeated, now with enough memory.
     ///
     /// # Errors
     ///
@@ -542,8 +542,8 @@ pub trait Executor: Renderer {
     /// The error of the executor, such as too little memory or a lost device.
     fn sampling(&mut self, gaussians: &mut Gaussians<Self::Array>, views: &[Camera]) -> Result<(), Self::Error>;
 
-    /// Limits one plane to at most `ceiling` and resets its momentum, as the opacity reset does; if
-    /// a ball is given, only of Gaussians whose means lie outside.
+    /// Clamps one plane to at most `ceiling` and resets its momentum, as the opacity reset does;
+    /// with a ball, only for Gaussians whose means lie outside of it.
     ///
     /// # Errors
     ///
@@ -558,8 +558,8 @@ pub trait Executor: Renderer {
     ) -> Result<(), Self::Error>;
 }
 
-/// Executor whose results of single stages are read back, and whose gradients of a frame come from
-/// the host: for sums over the pixels of a view, Gaussian by Gaussian.
+/// Executor whose stage results can be read back, and which takes gradients of a frame from the
+/// host: for sums over the pixels of a view for each Gaussian.
 pub trait ReadBack: Executor {
     /// Reads the channels of Gaussians, `channels` numbers for each Gaussian; those of a Gaussian
     /// that is not drawn are arbitrary.

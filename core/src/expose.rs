@@ -1,9 +1,9 @@
 //! Exposure of photographs: an affine map of colours for each, so that the scene itself keeps one
-//! look.
+//! appearance.
 //!
-//! A picture is seen as C' = A C + (1 − T) b, where C is its premultiplied colour and T the
-//! transmittance: the scene is mapped, the background behind it is not. So it is the same as if
-//! every Gaussian had the colour A c + b, and where nothing is seen nothing changes.
+//! The photograph shows C' = A C + (1 − T) b, where C is its premultiplied colour and T the
+//! transmittance: the scene is mapped, the background behind it is not. This equals a scene whose
+//! Gaussians have the colours A c + b, and empty pixels stay unchanged.
 
 use crate::{
     real::Real,
@@ -13,7 +13,7 @@ use crate::{
 /// The rows of \[A | b\]: what red, green and blue become, from red, green, blue and one.
 pub type Exposure<R> = [[R; 4]; 3];
 
-/// Colours as they are.
+/// Exposure that keeps colours unchanged.
 pub const IDENTITY: Exposure<f32> = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
 
 /// A C + a b: a premultiplied colour C with coverage a = 1 − T in \[0, 1\], as a photograph of this
@@ -33,7 +33,7 @@ pub fn expose_vjp<R: Real>(
     coverage: R,
     grad: Vec3<R>,
 ) -> (Exposure<R>, Vec3<R>, R) {
-    let of_row = |grad: R| [grad * color.x, grad * color.y, grad * color.z, grad * coverage];
+    let grad_row = |grad: R| [grad * color.x, grad * color.y, grad * color.z, grad * coverage];
     let column = |k: usize| vec3(exposure[0][k], exposure[1][k], exposure[2][k]).dot(grad);
-    ([of_row(grad.x), of_row(grad.y), of_row(grad.z)], vec3(column(0), column(1), column(2)), column(3))
+    ([grad_row(grad.x), grad_row(grad.y), grad_row(grad.z)], vec3(column(0), column(1), column(2)), column(3))
 }

@@ -1,4 +1,4 @@
-//! Lamps: suns and spheres that shine on a scene, with shadows.
+//! Lamps: suns and spheres that light a scene, with shadows.
 //!
 //! A lamp in the direction l of a surface point x, of irradiance E at normal incidence and angular
 //! radius ω, adds to the light that leaves a physical material ([`mod@crate::physical`])
@@ -31,7 +31,7 @@ use crate::{
     camera::CameraOf,
     color::srgb_color,
     math,
-    near_field::{NOTHING, ray_origin},
+    near_field::{T_MISS, ray_origin},
     physical::{PixelFacing, PixelLight, pixel_facing, reflectances, reflected},
     real::Real,
     shade_pixels::{Pixel, PixelSurface, per_coverage, pixel_surface},
@@ -42,9 +42,9 @@ use core::f32::consts::{FRAC_1_PI, PI};
 
 /// Largest number of lamps.
 pub const LAMPS_MAX: usize = 64;
-/// Shadow rays of a pixel to a lamp of an extent, unless another number is asked for.
+/// Default number of shadow rays of a pixel to a lamp that is wider than a point.
 pub const RAYS: usize = 32;
-/// Largest number of them.
+/// Largest number of shadow rays.
 pub const RAYS_MAX: usize = 1024;
 /// Largest irradiance or radiant intensity of a lamp: a sun at noon has 1e3 W/m².
 pub const LIGHT_MAX: f32 = 1e9;
@@ -52,7 +52,7 @@ pub const LIGHT_MAX: f32 = 1e9;
 /// an `f32`.
 pub const DISTANCE_MAX: f32 = 1e9;
 
-/// Distance from a lamp without a radius below which its light grows no more.
+/// Distance from a lamp without a radius below which its irradiance stays constant.
 const NEAREST: f32 = 1e-4;
 /// Largest sine of the angular radius of a lamp: one that touches the surface, or encloses it.
 const SINE_MAX: f32 = 0.99;
@@ -67,7 +67,7 @@ const PRIME: f32 = 1019.0;
 /// A lamp.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Lamp {
-    /// Light from afar, the same at every place.
+    /// Light from far away, the same at every place.
     Sun {
         /// Direction to the sun, in world space, of any length but 0.
         direction: [f32; 3],
@@ -77,7 +77,7 @@ pub enum Lamp {
         /// Diameter in radians, from 0 below π.
         diameter: f32,
     },
-    /// Sphere whose surface shines evenly.
+    /// Sphere that emits uniformly.
     Sphere {
         /// Centre, in world space.
         position: [f32; 3],
@@ -199,7 +199,7 @@ impl<R: Real> LampOf<R> {
     }
 }
 
-/// A surface in a pixel, as lamps shine on it.
+/// Surface of a pixel, as far as the light of lamps depends on it.
 #[derive(Clone, Copy, Debug)]
 pub struct LitPixel<R> {
     /// Point of the surface, in world space.
@@ -239,7 +239,7 @@ pub fn lit_pixel<R: Real>(
     }
 }
 
-/// A lamp as a point of a surface sees it.
+/// Lamp seen from a surface point.
 #[derive(Clone, Copy, Debug)]
 pub struct Toward<R> {
     /// Unit direction to its centre.
@@ -248,12 +248,13 @@ pub struct Toward<R> {
     pub irradiance: Vec3<R>,
     /// Sine of its angular radius.
     pub sine: R,
-    /// Length of shadow rays: surfaces behind the lamp cast none.
+    /// Length of shadow rays; surfaces behind the lamp cast no shadow.
     pub reach: R,
 }
 
-/// A lamp as seen from a point; along the normal, where the lamp's centre is that very point. Light
-/// grows no more within the lamp, nor within a ten-thousandth of a unit of a point.
+/// Direction and irradiance of a lamp at a point. The direction is the normal if the point is the
+/// lamp's centre. The irradiance is constant within a sphere, and within a ten-thousandth of a unit
+/// of a point.
 #[inline(always)]
 pub fn toward<R: Real>(lamp: &LampOf<R>, point: Vec3<R>, normal: Vec3<R>) -> Toward<R> {
     let is_sphere = lamp.extent.constant(0.5).less(lamp.is_sphere);
@@ -266,7 +267,7 @@ pub fn toward<R: Real>(lamp: &LampOf<R>, point: Vec3<R>, normal: Vec3<R>) -> Tow
         direction: normalize_or(Vec3::select(is_sphere, to_center, lamp.place), normal),
         irradiance: lamp.light * R::select(is_sphere, nearest.recip(), nearest.constant(1.0)),
         sine: sine.min(sine.constant(SINE_MAX)),
-        reach: R::select(is_sphere, reach, reach.constant(NOTHING)),
+        reach: R::select(is_sphere, reach, reach.constant(T_MISS)),
     }
 }
 
@@ -320,18 +321,18 @@ impl<R: Real> DirectLight<R> {
     /// Numbers of a direct light: irradiance, specular.
     pub const LEN: usize = 6;
 
-    /// Darkness.
+    /// No light: all zeros.
     #[inline(always)]
     pub fn none(like: R) -> Self {
         Self { irradiance: Vec3::zero(like), specular: Vec3::zero(like) }
     }
-    /// Light that other surfaces reflect: irradiance / π alone, since highlights of what is dim
-    /// beside a lamp are dimmer still.
+    /// Light that other surfaces reflect: only irradiance / π, since highlights of dim surfaces are
+    /// negligible beside those of a lamp.
     #[inline(always)]
     pub fn reflected(irradiance: Vec3<R>) -> Self {
         Self { irradiance, specular: Vec3::zero(irradiance.x) }
     }
-    /// Both lights together.
+    /// Sum of both lights.
     #[inline(always)]
     pub fn and(self, other: Self) -> Self {
         Self { irradiance: self.irradiance + other.irradiance, specular: self.specular + other.specular }
@@ -349,7 +350,7 @@ impl<R: Real> DirectLight<R> {
     }
 }
 
-/// Light of a lamp of which the surface sees a share.
+/// Light of a lamp of which the surface sees the share `share`.
 #[inline(always)]
 pub fn direct_light<R: Real>(pixel: &LitPixel<R>, toward: &Toward<R>, share: R) -> DirectLight<R> {
     let LitPixel { view_dir, ref facing, f0, alpha_ggx, .. } = *pixel;
@@ -409,7 +410,7 @@ fn cube<R: Real>(number: R) -> R {
 }
 
 /// Point of a spiral of `count` points: cosine and sine of its angle, area of the disc within it
-/// and area that it stands for, as shares.
+/// and area that it represents, as shares.
 pub fn spiral_point(index: usize, count: usize) -> [f32; 4] {
     let angle = GOLDEN_ANGLE * index as f64;
     let per_point = 1.0 / count as f64;
@@ -464,8 +465,8 @@ pub fn seen_share<R: Real>(all: R, reaching: R) -> R {
     (reaching / R::select(is_above, all, zero.constant(1.0))).keep(is_above)
 }
 
-/// Diffuse albedo of a pixel's surface, past which lamps have shadows of their own in place of
-/// ambient transfers, from the premultiplied sums of albedo and metalness.
+/// Diffuse albedo of a pixel's surface, without ambient transfer, which shadows replace for lamps;
+/// from the premultiplied sums of albedo and metalness.
 #[inline(always)]
 pub fn diffuse_albedo<R: Real>(albedo: Vec3<R>, metalness: R, coverage: R) -> Vec3<R> {
     let per_coverage = per_coverage(coverage);
@@ -484,7 +485,7 @@ pub fn pixel_color<R: Real>(
     coverage: R,
 ) -> Vec3<R> {
     let [diffuse, specular] = reflected(surface, light);
-    let of_lamps = PixelLight { irradiance: direct.irradiance, specular: Vec3::zero(coverage), ..*light };
-    let [direct_diffuse, _] = reflected(&PixelSurface { base: albedo, ..*surface }, &of_lamps);
+    let lamp_light = PixelLight { irradiance: direct.irradiance, specular: Vec3::zero(coverage), ..*light };
+    let [direct_diffuse, _] = reflected(&PixelSurface { base: albedo, ..*surface }, &lamp_light);
     srgb_color(diffuse + specular + (direct_diffuse + direct.specular)) * coverage
 }

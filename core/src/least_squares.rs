@@ -34,13 +34,13 @@ impl LeastSquares {
         Self { normal: self.normal.map(|number| number * weight), ..Self::new(self.count) }
     }
 
-    /// An equation, with a weight that is not negative.
+    /// Adds an equation, with a weight that is not negative.
     pub fn add(&mut self, row: &Row, target: [f64; 3], weight: f64) {
         self.add_row(row, weight);
         self.add_target(row, target, weight);
     }
 
-    /// The row of [`LeastSquares::add`] alone.
+    /// Adds only the row of an equation, as [`LeastSquares::add`] does.
     pub fn add_row(&mut self, values: &Row, weight: f64) {
         for (row, value) in values[..self.count].iter().enumerate() {
             let start = row * (row + 1) / 2;
@@ -50,7 +50,7 @@ impl LeastSquares {
         }
     }
 
-    /// The target of [`LeastSquares::add`] alone.
+    /// Adds only the target of an equation, as [`LeastSquares::add`] does.
     pub fn add_target(&mut self, values: &Row, target: [f64; 3], weight: f64) {
         for (right, value) in self.right[..self.count].iter_mut().zip(values) {
             for (sum, target) in right.iter_mut().zip(target) {
@@ -59,8 +59,8 @@ impl LeastSquares {
         }
     }
 
-    /// The unknowns, for each of the three targets. None where the rows do not decide all of them,
-    /// or where a number is not finite.
+    /// Unknowns for each of the three targets; `None` if the rows do not determine all of them, or
+    /// if a number is not finite.
     pub fn solve(&self) -> Option<[[f32; 3]; UNKNOWNS_MAX]> {
         let root = self.root()?;
         let mut solution = self.right;

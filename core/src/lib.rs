@@ -19,7 +19,7 @@
 //! * [`attributes`]: stored planes to material, harmonics and channels, over any executor's memory
 //! * [`shade`]: materials and light to colours ([`normal`], [`sh`], [`split_sum`], [`color`]);
 //!   [`shade_pixels`], [`physical`]: the same pixel by pixel; [`near_field`]: surfaces that
-//!   reflected rays meet; [`lamps`]: suns and spheres that cast shadows
+//!   reflected rays hit; [`lamps`]: suns and spheres that cast shadows
 //! * [`bin`]: tiles that a splat touches; [`order`]: the order of splats in a pixel; [`blend`]: one
 //!   compositing step
 //! * [`expose`]: affine maps of a photograph's colours
@@ -30,8 +30,8 @@
 //! * [`executor`], [`pipeline`]: the stages as a contract, and their order, written once
 //!
 //! Formulas are generic over [`real::Real`]: `f32`, SIMD lanes, [`double::Double`] as the oracle of
-//! every error figure, and [`dual::Dual`] to hold every `_vjp` against. A `_vjp` pulls the gradient
-//! of a function's result back to its arguments and stands right after the function.
+//! every error figure, and [`dual::Dual`] to check every `_vjp`. A `_vjp` pulls the gradient of a
+//! function's result back to its arguments and stands right after the function.
 //!
 //! One Gaussian, from its stored attributes to the colour that an eye sees, `c = γ(c_d + s ⊙ L_s +
 //! c_r)`, without any executor:

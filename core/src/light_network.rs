@@ -1,10 +1,10 @@
 //! Light as a network over directions: the directional encoding of Ref-NeRF (Verbin et al. 2022)
 //! and three dense layers, in place of a cube map and its prefilter.
 //!
-//! The radiance of a direction at a roughness is e to the power of what the network answers to the
-//! *integrated directional encoding*: real harmonics of the degrees 1, 2, 4 and 8, each times the
-//! mean that a lobe of the roughness leaves of it. The 34 numbers are those of Ref-NeRF, without
-//! the imaginary parts of order zero, which are zero.
+//! The radiance of a direction at a roughness is the exponential of the network's output for the
+//! *integrated directional encoding*: real harmonics of the degrees 1, 2, 4 and 8, each attenuated
+//! as by the mean over a lobe of the roughness. The 34 numbers are those of Ref-NeRF, without the
+//! imaginary parts of order zero, which are zero.
 //!
 //! Weights lie layer after layer: a row of outputs for each input, then the row of biases.
 //! Executors evaluate the network in each texel of the roughness levels of a cube map; the gradient
@@ -33,25 +33,25 @@ pub const WEIGHT_COUNT: usize = LAYER_STARTS[3];
 /// would only need more memory.
 pub const NETWORK_RESOLUTION_MAX: usize = 128;
 
-/// Weights beyond this size count as this size, and have no gradient.
+/// Largest magnitude of a weight; larger ones are clamped and have no gradient.
 pub const WEIGHT_MAX: f32 = 1e6;
-/// Hidden neurons answer at most this, with no gradient beyond.
+/// Largest output of a hidden neuron, with no gradient beyond.
 pub const HIDDEN_MAX: f32 = 1e6;
 /// Numbers of radiance lie within this bound, e⁴² = 1.7e18, with no gradient beyond.
 pub const NUMBER_MAX: f32 = 42.0;
 
-/// Concentration κ of the von Mises-Fisher lobe that stands for the GGX lobe of a roughness ρ > 0:
-/// 1 / ρ³ + 5/4 ρ².
+/// Concentration κ of the von Mises-Fisher lobe that approximates the GGX lobe of a roughness ρ >
+/// 0: 1 / ρ³ + 5/4 ρ².
 ///
-/// Fitted to what the GGX lobe ([`crate::ggx`]) leaves of the four degrees, within 0.08 for ρ from
-/// 0.07 to 1. Ref-NeRF learns 1 / κ as its roughness; the spherical Gaussian with the curvature of
-/// the lobe's peak, 1 / (2 ρ⁴) (Wang et al. 2009), leaves the tail out, and at ρ = 1 most of the
-/// light.
+/// Fitted to the attenuation of the four degrees by the GGX lobe ([`crate::ggx`]), within 0.08 for
+/// ρ from 0.07 to 1. Ref-NeRF learns 1 / κ as its roughness; the spherical Gaussian with the
+/// curvature of the lobe's peak, 1 / (2 ρ⁴) (Wang et al. 2009), leaves the tail out, and at ρ = 1
+/// most of the light.
 pub fn concentration(roughness: f64) -> f64 {
     1.0 / (roughness * roughness * roughness) + 1.25 * roughness * roughness
 }
 
-/// Share that a von Mises-Fisher lobe leaves of harmonics of a degree l: exp(−l (l + 1) / (2 κ))
+/// Attenuation by a von Mises-Fisher lobe of harmonics of a degree l: exp(−l (l + 1) / (2 κ))
 /// (Ref-NeRF, eq. 8).
 pub fn attenuation(degree: usize, concentration: f64) -> f64 {
     let bands = (degree * (degree + 1)) as f64;
@@ -100,8 +100,8 @@ pub fn encode<R: Real>(direction: Vec3<R>, attenuations: &[R; DEGREES.len()]) ->
                 (below, polynomial) = (polynomial, rise * z * polynomial - fall * below);
             }
             let mut first = 0;
-            for (of_degree, attenuation) in DEGREES.iter().zip(attenuations) {
-                if *of_degree == degree {
+            for (encoded_degree, attenuation) in DEGREES.iter().zip(attenuations) {
+                if *encoded_degree == degree {
                     let harmonic = polynomial * *attenuation;
                     if order == 0 {
                         out[first] = harmonic;
@@ -110,7 +110,7 @@ pub fn encode<R: Real>(direction: Vec3<R>, attenuations: &[R; DEGREES.len()]) ->
                         out[first + 2 * order] = harmonic * sine;
                     }
                 }
-                first += 2 * of_degree + 1;
+                first += 2 * encoded_degree + 1;
             }
         }
     }
@@ -129,13 +129,13 @@ pub fn bounded_vjp<R: Real>(number: R, bound: f32, grad: R) -> R {
     grad.keep(number.abs().less(number.constant(bound)))
 }
 
-/// Answer of a hidden neuron: its sum, at least zero and at most [`HIDDEN_MAX`].
+/// Output of a hidden neuron: its sum, at least zero and at most [`HIDDEN_MAX`].
 #[inline(always)]
 pub fn rectify<R: Real>(sum: R) -> R {
     sum.clamp(0.0, HIDDEN_MAX)
 }
 
-/// Gradient of [`rectify`] with respect to the sum, from the answer.
+/// Gradient of [`rectify`] with respect to the sum, from the output.
 #[inline(always)]
 pub fn rectify_vjp<R: Real>(answer: R, grad: R) -> R {
     grad.keep(answer.zero().less(answer) & answer.less(answer.constant(HIDDEN_MAX)))
@@ -193,10 +193,10 @@ fn product<R: Real>(a: &[R], b: &[R]) -> R {
     ((a + b) + (c + d)) + ((e + f) + (g + h))
 }
 
-/// Answers of all layers of the network to one encoded direction.
+/// Outputs of all layers of the network for one encoded direction.
 #[derive(Clone, Copy, Debug)]
 pub struct Answers<R> {
-    /// Answers of the hidden layers.
+    /// Outputs of the hidden layers.
     pub hidden: [[R; WIDTH]; 2],
     /// Numbers of red, green and blue, before they are bounded.
     pub sums: [R; CHANNELS],
@@ -231,15 +231,15 @@ pub fn evaluate_vjp<R: Real>(
 ) {
     let [first, second, third, _] = LAYER_STARTS;
     let [near, far] = &answers.hidden;
-    let of_sums: [R; CHANNELS] =
+    let grad_sums: [R; CHANNELS] =
         core::array::from_fn(|channel| bounded_vjp(answers.sums[channel], NUMBER_MAX, grads[channel]));
-    dense_weights_vjp(far, &of_sums, &mut out[third..]);
-    let of_far: [R; WIDTH] = dense_vjp(&weights[third..], &of_sums);
-    let of_far: [R; WIDTH] = core::array::from_fn(|k| rectify_vjp(far[k], of_far[k]));
-    dense_weights_vjp(near, &of_far, &mut out[second..third]);
-    let of_near: [R; WIDTH] = dense_vjp(&weights[second..third], &of_far);
-    let of_near: [R; WIDTH] = core::array::from_fn(|k| rectify_vjp(near[k], of_near[k]));
-    dense_weights_vjp(encoding, &of_near, &mut out[first..second]);
+    dense_weights_vjp(far, &grad_sums, &mut out[third..]);
+    let grad_far: [R; WIDTH] = dense_vjp(&weights[third..], &grad_sums);
+    let grad_far: [R; WIDTH] = core::array::from_fn(|k| rectify_vjp(far[k], grad_far[k]));
+    dense_weights_vjp(near, &grad_far, &mut out[second..third]);
+    let grad_near: [R; WIDTH] = dense_vjp(&weights[second..third], &grad_far);
+    let grad_near: [R; WIDTH] = core::array::from_fn(|k| rectify_vjp(near[k], grad_near[k]));
+    dense_weights_vjp(encoding, &grad_near, &mut out[first..second]);
 }
 
 /// Stream of the random numbers of initial weights.
@@ -289,7 +289,7 @@ impl LightNetworkError {
     ///
     /// # Errors
     ///
-    /// The first of them that no network has.
+    /// The first of these that is invalid for a network.
     pub fn check(resolution: usize, found: usize, scheme: PrefilterScheme) -> Result<(), Self> {
         if scheme != PrefilterScheme::Exact {
             Err(Self::Scheme)

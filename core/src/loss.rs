@@ -26,8 +26,8 @@ pub fn ssim_window() -> [f32; SSIM_WINDOW] {
     core::array::from_fn(|k| (at(k) / sum) as f32)
 }
 
-/// The window's weights times the numbers at its taps. The window is symmetric: what lies equally
-/// far from its middle is added first.
+/// The window's weights times the numbers at its taps. The window is symmetric: taps at the same
+/// distance from its middle are added first.
 #[inline(always)]
 pub fn window_mean<R: Real>(window: &[R; SSIM_WINDOW], tap: impl Fn(usize) -> R) -> R {
     const REACH: usize = SSIM_WINDOW / 2;
@@ -62,14 +62,14 @@ pub fn squared_vjp<R: Real>(x: R, y: R, grad: R) -> R {
     (x - y) * grad * 2.0
 }
 
-/// Numbers of a true picture from this one on are white: the nearest byte is the largest.
+/// Least number of a true picture that counts as white: its nearest byte is the largest.
 const WHITE_MIN: f32 = 254.5 / 255.0;
 
-/// Rendered number as a picture records it, beside a true number of a pixel of this alpha, both
-/// over the background: min(x, 1) where the true one is white and its pixel opaque.
+/// Rendered number as a picture records it, for a true number of a pixel of this alpha, both over
+/// the background: min(x, 1) where the true number is white and its pixel opaque.
 ///
 /// A picture records no radiance above white, so any rendered radiance from there on agrees with
-/// it. Where the true pixel is darker, or shows the background, the rendered number stays as it is.
+/// it. Where the true pixel is darker, or shows the background, the rendered number is unchanged.
 #[inline(always)]
 pub fn recorded<R: Real>(rendered: R, truth: R, alpha: R) -> R {
     let least = rendered.constant(WHITE_MIN);
@@ -301,30 +301,30 @@ fn compare_normals<R: Real>(
 /// over the Gaussians.
 #[derive(Clone, Copy, PartialEq)]
 pub struct LossWeights {
-    /// Of |C − C_gt|.
+    /// Weight of |C − C_gt|.
     pub absolute: f32,
-    /// Of (C − C_gt)².
+    /// Weight of (C − C_gt)².
     pub squared: f32,
-    /// Of 1 − SSIM.
+    /// Weight of 1 − SSIM.
     pub dssim: f32,
-    /// Of the normal loss, weighted by coverage.
+    /// Weight of the normal loss, which is weighted by coverage.
     pub normal: f32,
     /// Form of the normal loss.
     pub normal_form: NormalForm,
-    /// Of the smoothness of normals ([`mod@crate::smoothness`]); none of physical materials
+    /// Weight of the smoothness of normals ([`mod@crate::smoothness`]); zero for physical materials
     /// ([`LossWeights::of_form`]).
     pub smoothness: f32,
-    /// Of the sparse loss on the rendered coverage.
+    /// Weight of the sparse loss on the rendered coverage.
     pub sparse_coverage: f32,
-    /// Of the blended |Δn|², weighted by coverage.
+    /// Weight of the blended |Δn|², which is weighted by coverage.
     pub residual_image: f32,
-    /// Of |A − A_gt|, where pictures have an alpha channel.
+    /// Weight of |A − A_gt|, where pictures have an alpha channel.
     pub coverage: f32,
-    /// Of the sparse loss.
+    /// Weight of the sparse loss.
     pub sparse: f32,
-    /// Of |Δn₁|² + |Δn₂|².
+    /// Weight of |Δn₁|² + |Δn₂|².
     pub residual: f32,
-    /// Of [`metalness`], where Gaussians have one.
+    /// Weight of [`metalness`], where Gaussians have one.
     pub metalness: f32,
     /// Mean linear radiance of the light, for [`Self::metalness`].
     pub mean_light: f32,
@@ -332,8 +332,8 @@ pub struct LossWeights {
     pub saturates: bool,
 }
 
-/// Names the losses of metalness and of smoothness only where they have a weight, and saturation
-/// only where it counts: checkpoints hold the text of their settings.
+/// Prints the losses of metalness and of smoothness only if they have a weight, and saturation only
+/// if it is on: checkpoints hold the text of their settings.
 impl core::fmt::Debug for LossWeights {
     fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let mut text = out.debug_struct("LossWeights");
@@ -373,14 +373,14 @@ impl LossWeights {
         saturates: false,
     };
 
-    /// Removes the loss that pictures of this form do not have: the smoothness of normals, which is
-    /// told from view-dependent colours, of physical materials.
+    /// Removes the loss that pictures of this form do not have: the smoothness of normals for
+    /// physical materials, as it is derived from view-dependent colours.
     pub fn of_form(self, form: ShadingForm) -> Self {
         Self { smoothness: if form == ShadingForm::Physical { 0.0 } else { self.smoothness }, ..self }
     }
 
-    /// Removes losses without input: that of coverage, unless the true picture has an
-    /// alpha channel; those of the geometry, unless it was blended.
+    /// Removes losses without input: the coverage loss unless the true picture has an alpha
+    /// channel, the losses of the geometry unless it was blended.
     pub fn where_possible(self, has_alpha: bool, has_geometry: bool) -> Self {
         let keep = |weight: f32, is_possible: bool| if is_possible { weight } else { 0.0 };
         Self {
@@ -400,8 +400,8 @@ pub struct LossReport {
     pub total: f64,
     /// Mean |C − C_gt|.
     pub absolute: f64,
-    /// Mean (C − C_gt)², the picture not limited to \[0, 1\] but as [`LossWeights::saturates`] has
-    /// it.
+    /// Mean (C − C_gt)²; the picture is not limited to \[0, 1\], except by
+    /// [`LossWeights::saturates`].
     pub squared: f64,
     /// Mean SSIM.
     pub ssim: f64,

@@ -20,10 +20,10 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// The box around nothing.
+    /// Empty box.
     pub const NOTHING: Self = Self { low: [f32::INFINITY; 3], high: [f32::NEG_INFINITY; 3] };
 
-    /// The box that also holds `point`; coordinates that are not finite count for nothing.
+    /// The box that also holds `point`; coordinates that are not finite are ignored.
     pub fn with(mut self, point: [f32; 3]) -> Self {
         for axis in 0..3 {
             if point[axis].is_finite() {
@@ -35,7 +35,7 @@ impl Bounds {
     }
 
     /// The number of a point's cell along the Z-order curve (Morton 1966) through 1024³ cells of
-    /// the box. Points outside, and NaN, count to the nearest cell or to the first.
+    /// the box. Points outside are in the nearest cell, and NaN in the first.
     pub fn code(&self, point: [f32; 3]) -> u32 {
         interleave(array::from_fn(|axis| cell(point[axis], self.low[axis], self.high[axis]) as u32))
     }
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_place_has_a_code_too() {
+    fn nonfinite_points_have_a_code() {
         let bounds = Bounds::NOTHING.with([2.0, f32::NAN, 0.0]).with([2.0, 5.0, f32::INFINITY]);
         assert_eq!(bounds.code([2.0, 5.0, 0.0]), 0, "a flat box has one cell");
         assert_eq!(bounds.code([f32::NAN; 3]), 0, "not a number comes first");

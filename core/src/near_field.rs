@@ -1,19 +1,19 @@
-//! Near field of a scene: a mesh of its own surface, which mirrored rays may meet before they leave
-//! for the far light.
+//! Near field of a scene: a mesh of its own surface, which reflected rays may hit before they reach
+//! the far light.
 //!
-//! A pixel that shows the point x with the normal n mirrors its view direction to r. Where the ray
-//! from x + o n along r meets no triangle, light comes from afar: L = L_s(r, ρ). Where it meets
-//! one, the light is that surface: its base colour b, tint s, roughness ρ_h and normal n_h under
-//! the far light along the ray mirrored once more,
+//! A pixel that shows the point x with the normal n reflects its view direction to r. If the ray
+//! from x + o n along r hits no triangle, it sees the far light: L = L_s(r, ρ). If it hits one, it
+//! sees that surface: its base colour b, tint s, roughness ρ_h and normal n_h under the far light
+//! along the ray mirrored once more,
 //!
 //! ```text
 //! L = (1 − w) L_s(r, ρ) + w (b + s ⊙ L_s(r − 2 (r·n_h) n_h, ρ′)),    ρ′⁴ = ρ⁴ + ρ_h⁴
 //! ```
 //!
-//! since α = ρ² and the variances of two lobes add. A single ray stands for the lobe of a mirror,
-//! not for that of a rough surface, so w falls from one to zero with ρ ([`share_of_near`]).
-//! [`Reflection`] holds the second lookup, and what is added and multiplied. Gradients flow through
-//! the lookups, not through the place of a hit.
+//! since α = ρ² and the variances of two lobes add. A single ray represents the lobe of a mirror,
+//! not that of a rough surface, so w falls from one to zero with ρ ([`share_of_near`]).
+//! [`Reflection`] holds the second lookup with its summand and factors. Gradients flow through the
+//! lookups, not through the place of a hit.
 //!
 //! Triangles are found by a hierarchy of boxes in depth-first order. A node names the node after
 //! its descendants, so that a traversal needs no stack, and the order of tests, and with it the
@@ -31,7 +31,8 @@ use crate::{
 };
 
 /// Numbers of a node: least corner, index, greatest corner, count. With a count the node is a leaf,
-/// and the index is its first triangle; with none it is that of the node after its descendants.
+/// and the index is its first triangle; otherwise the index is that of the node after its
+/// descendants.
 pub const NODE_LEN: usize = 8;
 /// Numbers of a triangle: three vertices, counterclockwise as seen from outside; padding.
 pub const TRIANGLE_LEN: usize = 4;
@@ -46,17 +47,17 @@ pub const VERTEX_BASE: usize = 6;
 pub const VERTEX_ALBEDO: usize = 13;
 /// Largest albedo of a vertex: 1, and the rounding of means.
 const ALBEDO_MAX: f32 = 1.001;
-/// Least index that an `f32` may not hold.
+/// Smallest index that an `f32` may not represent.
 pub const INDEX_MAX: usize = 1 << 24;
-/// Distance along a ray that is not met.
-pub const NOTHING: f32 = f32::MAX;
-/// Reach of a ray that is left out, or is blocked.
-pub const FINISHED: f32 = -1.0;
+/// Distance along a ray that hits nothing.
+pub const T_MISS: f32 = f32::MAX;
+/// Reach of a ray that is not traced, or is already blocked.
+pub const T_DONE: f32 = -1.0;
 
-/// Roughness up to which a single ray stands for the lobe: GGX half-widths of 3.6°.
-pub const SHARP: f32 = 0.25;
-/// Roughness from which it says nothing: half-widths of 14°.
-pub const BLURRED: f32 = 0.5;
+/// Roughness up to which a single ray represents the lobe: GGX half-widths of 3.6°.
+pub const NEAR_ROUGHNESS_START: f32 = 0.25;
+/// Roughness from which a single ray has no weight: half-widths of 14°.
+pub const NEAR_ROUGHNESS_END: f32 = 0.5;
 
 /// Depth below the plane of a triangle, in offsets of the near field, from which a shadow ray is
 /// blocked by its back: a start on the surface is off by one offset at most, and so is the
@@ -68,11 +69,11 @@ pub const BACK_DEPTH: f32 = 2.0;
 pub const BELOW: f32 = 4.0;
 
 /// Back depth of rays that hit only the fronts of triangles.
-pub const FRONTS_ALONE: f32 = -1.0;
+pub const CULL_BACKFACES: f32 = -1.0;
 
-/// Share of a triangle by which it is larger for rays, so that none passes between neighbours.
+/// Relative enlargement of triangles for rays, so that none passes between neighbours.
 const EDGE: f32 = 1e-5;
-/// Share by which boxes are larger for rays than rounding makes them smaller.
+/// Relative enlargement of boxes for rays, more than rounding shrinks them.
 const BOX_MARGIN: f32 = 2e-6;
 /// Components of a direction below this count as this large: 1 / 0 times 0 is not a number.
 const SLOPE_MIN: f32 = 1e-18;
@@ -121,8 +122,8 @@ impl<A> NearField<A> {
 
 /// Rays whose cost is counted.
 const COST_RAYS: usize = 64;
-/// Most boxes and triangles that a ray is tested against in the mean. A scene of 400 000 triangles
-/// takes some hundreds.
+/// Largest mean number of boxes and triangles that a ray is tested against. A scene of 400 000
+/// triangles takes some hundreds.
 const COST_MAX: usize = 4096;
 
 /// Fault of a near field.
@@ -144,7 +145,7 @@ pub enum NearFieldError {
         /// Index of the node.
         index: usize,
     },
-    /// A triangle has a vertex that is not there.
+    /// A triangle refers to a vertex that does not exist.
     Triangle {
         /// Index of the triangle.
         index: usize,
@@ -179,7 +180,7 @@ impl core::fmt::Display for NearFieldError {
 
 impl core::error::Error for NearFieldError {}
 
-/// Triangle that a ray meets first.
+/// Triangle that a ray hits first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit<R> {
     /// Distance along the ray, in lengths of its direction.
@@ -193,7 +194,8 @@ pub struct Hit<R> {
 /// First hits of rays side by side.
 #[derive(Clone, Copy, Debug)]
 pub struct Hits<R> {
-    /// Distances along the rays, in lengths of their directions; [`NOTHING`] where none is met.
+    /// Distances along the rays, in lengths of their directions; [`T_MISS`] for rays that hit
+    /// none.
     pub distance: R,
     /// Indices of the triangles, whole numbers.
     pub triangle: R,
@@ -202,19 +204,19 @@ pub struct Hits<R> {
 }
 
 impl<R: Real> Hits<R> {
-    /// Rays that meet nothing.
+    /// Hits of rays that hit nothing.
     #[inline(always)]
     fn none(like: R) -> Self {
-        Self { distance: like.constant(NOTHING), triangle: like.zero(), weights: [like.zero(); 2] }
+        Self { distance: like.constant(T_MISS), triangle: like.zero(), weights: [like.zero(); 2] }
     }
 
-    /// Mask of the rays that meet a triangle.
+    /// Mask of the rays that hit a triangle.
     #[inline(always)]
     pub fn is_hit(&self) -> R::Mask {
-        self.distance.less(self.distance.constant(NOTHING))
+        self.distance.less(self.distance.constant(T_MISS))
     }
 
-    /// The crossing of a triangle where the mask holds.
+    /// Takes the crossing of a triangle where the mask holds.
     #[inline(always)]
     fn or_nearer(self, mask: R::Mask, triangle: usize, crossing: &Crossing<R>) -> Self {
         let index = self.triangle.constant(triangle as f32);
@@ -238,8 +240,8 @@ impl<A: AsMut<[f32]>> NearField<A> {
 }
 
 impl<A: AsRef<[f32]>> NearField<A> {
-    /// Checks that a traversal ends, in a time that its boxes bound, and reads no number that is
-    /// not there.
+    /// Checks that a traversal ends, in a time that its boxes bound, and reads only existing
+    /// numbers.
     ///
     /// # Errors
     ///
@@ -300,7 +302,7 @@ impl<A: AsRef<[f32]>> NearField<A> {
         (0..COST_RAYS).map(cost_of).sum::<usize>() / COST_RAYS
     }
 
-    /// Number of boxes and triangles that a ray is tested against, however near it ends.
+    /// Number of boxes and triangles that a ray of any length is tested against.
     fn count_tests(&self, origin: Vec3<f32>, direction: Vec3<f32>) -> usize {
         let inverse = inverse_direction(direction);
         let (mut index, mut tests) = (0, 0);
@@ -316,7 +318,7 @@ impl<A: AsRef<[f32]>> NearField<A> {
         tests
     }
 
-    /// Index and count of a node; none where they are not whole numbers.
+    /// Index and count of a node; `None` unless they are whole numbers.
     fn range(&self, node: usize) -> Option<[usize; 2]> {
         let node = self.numbers::<NODE_LEN>(NODE_LEN * node);
         Some([whole(node[3])?, whole(node[7])?])
@@ -351,18 +353,18 @@ impl<A: AsRef<[f32]>> NearField<A> {
         constant(self.numbers(self.vertices_start() + VERTEX_LEN * vertex), like)
     }
 
-    /// Front of a triangle that a ray meets first, of several at the same distance the first one. A
-    /// ray that is not finite meets nothing.
+    /// Finds the first triangle whose front a ray hits; of several at the same distance, the first
+    /// in order. A ray that is not finite hits nothing.
     pub fn first_hit<R: Real<Mask = bool>>(&self, origin: Vec3<R>, direction: Vec3<R>) -> Option<Hit<R>> {
-        self.hit_within(origin, direction, origin.x.constant(NOTHING))
+        self.hit_within(origin, direction, origin.x.constant(T_MISS))
     }
 
-    /// [`NearField::first_hit`] of rays side by side, each within a distance, in lengths of its
-    /// direction. Rays with a negative one are left out: they meet nothing.
+    /// [`NearField::first_hit`] of rays side by side, each within `reach`, in lengths of its
+    /// direction. Rays with a negative reach are skipped and hit nothing.
     #[inline(always)]
     pub fn first_hits<R: Real<Mask: AnyLane>>(&self, origin: Vec3<R>, direction: Vec3<R>, reach: R) -> Hits<R> {
         let mut hits = Hits::none(reach);
-        self.traverse(origin, direction, reach, reach.constant(FRONTS_ALONE), |is_nearer, triangle, crossing| {
+        self.traverse(origin, direction, reach, reach.constant(CULL_BACKFACES), |is_nearer, triangle, crossing| {
             hits = hits.or_nearer(is_nearer, triangle, crossing);
             crossing.distance
         });
@@ -371,21 +373,21 @@ impl<A: AsRef<[f32]>> NearField<A> {
 
     fn hit_within<R: Real<Mask = bool>>(&self, origin: Vec3<R>, direction: Vec3<R>, reach: R) -> Option<Hit<R>> {
         let mut hit = None;
-        self.traverse(origin, direction, reach, reach.constant(FRONTS_ALONE), |_, triangle, crossing| {
+        self.traverse(origin, direction, reach, reach.constant(CULL_BACKFACES), |_, triangle, crossing| {
             hit = Some(Hit { distance: crossing.distance, triangle, weights: crossing.weights });
             crossing.distance
         });
         hit
     }
 
-    /// Whether a ray meets a triangle within a distance, in lengths of its direction: its front, or
-    /// its back from at least [`BACK_DEPTH`] offsets below it. Undersides that no camera saw are
-    /// open, and what stands above them hides light by its back.
+    /// Tests whether a ray hits a triangle within a distance, in lengths of its direction: its
+    /// front, or its back from at least [`BACK_DEPTH`] offsets below it. Undersides that no camera
+    /// saw have no triangles, so the surfaces above them block light with their backs.
     pub fn is_blocked<R: Real<Mask = bool>>(&self, origin: Vec3<R>, direction: Vec3<R>, reach: R) -> bool {
         self.are_blocked(origin, direction, reach)
     }
 
-    /// [`NearField::is_blocked`] of rays side by side. Rays with a negative reach are left out:
+    /// [`NearField::is_blocked`] of rays side by side. Rays with a negative reach are skipped:
     /// nothing blocks them.
     #[inline(always)]
     pub fn are_blocked<R: Real<Mask: AnyLane>>(&self, origin: Vec3<R>, direction: Vec3<R>, reach: R) -> R::Mask {
@@ -393,13 +395,13 @@ impl<A: AsRef<[f32]>> NearField<A> {
         let mut are_blocked = zero.less(zero);
         self.traverse(origin, direction, reach, reach.constant(BACK_DEPTH * self.offset), |is_nearer, _, _| {
             are_blocked = are_blocked | is_nearer;
-            zero.constant(FINISHED)
+            zero.constant(T_DONE)
         });
         are_blocked
     }
 
-    /// Place of the surface from which shadow rays start at a point, lifted along the unit normal:
-    /// that below it within [`BELOW`] offsets. None where the surface is farther away.
+    /// Finds the surface below `start`, a start of shadow rays that is lifted along the unit
+    /// normal, within [`BELOW`] offsets. `None` if the surface is farther away.
     pub fn surface_below<R: Real<Mask = bool>>(&self, start: Vec3<R>, normal: Vec3<R>) -> Option<Hit<R>> {
         self.hit_within(start, -normal, self.reach_below(start.x))
     }
@@ -410,21 +412,22 @@ impl<A: AsRef<[f32]>> NearField<A> {
         like.constant(BELOW * self.offset)
     }
 
-    /// Vector of a hit, from those of the vertices, three numbers each.
-    pub fn between<R: Real>(&self, hit: &Hit<R>, of_vertices: &[f32]) -> Vec3<R> {
+    /// Interpolates a vector at a hit from those of the vertices, three numbers each.
+    pub fn between<R: Real>(&self, hit: &Hit<R>, vectors: &[f32]) -> Vec3<R> {
         let [second, third] = hit.weights;
         let vector = |vertex: usize| {
-            let [x, y, z] = [0, 1, 2].map(|k| second.constant(of_vertices[3 * vertex + k]));
+            let [x, y, z] = [0, 1, 2].map(|k| second.constant(vectors[3 * vertex + k]));
             vec3(x, y, z)
         };
         let [a, b, c] = self.corners(hit.triangle).map(vector);
         a * (-(second + third) + 1.0) + b * second + c * third
     }
 
-    /// Finds triangles that rays meet within a distance, their backs from a depth. `meet` is told
-    /// of each in turn, for the rays of a mask, and returns the distance within which they go on.
+    /// Finds the triangles that rays hit within `reach`, their backs from `back_depth` on. Calls
+    /// `meet(mask, triangle, crossing)` for each in turn; it returns the new reach of the rays.
     ///
-    /// Rays side by side open the boxes that any of them meets; each meets what it would alone.
+    /// Rays side by side open the boxes that any of them hits; each has the same hits as on its
+    /// own.
     #[inline(always)]
     fn traverse<R: Real<Mask: AnyLane>>(
         &self,
@@ -449,7 +452,7 @@ impl<A: AsRef<[f32]>> NearField<A> {
                 continue;
             }
             for triangle in first..first + count {
-                // No closures, which compilers leave without the instructions of a wider machine.
+                // No closures: compilers build them without the vector instructions of the machine.
                 let [a, b, c] = self.corners(triangle);
                 let corners = [self.position(a, reach), self.position(b, reach), self.position(c, reach)];
                 let crossing = crossing(corners, origin, direction, back_depth);
@@ -491,7 +494,7 @@ pub fn inverse_direction<R: Real>(direction: Vec3<R>) -> Vec3<R> {
 }
 
 /// Distances at which a ray enters and leaves a box, the first zero inside of it; in this order
-/// where the ray meets the box (slabs; Kay and Kajiya 1986). `inverse` is that of
+/// where the ray hits the box (slabs; Kay and Kajiya 1986). `inverse` is that of
 /// [`inverse_direction`].
 #[inline(always)]
 pub fn box_span<R: Real>(min: Vec3<R>, max: Vec3<R>, origin: Vec3<R>, inverse: Vec3<R>) -> [R; 2] {
@@ -501,10 +504,10 @@ pub fn box_span<R: Real>(min: Vec3<R>, max: Vec3<R>, origin: Vec3<R>, inverse: V
     [enter.max(enter.zero()), leave * (1.0 + BOX_MARGIN)]
 }
 
-/// Place at which a ray meets a triangle.
+/// Place at which a ray hits a triangle.
 #[derive(Clone, Copy, Debug)]
 pub struct Crossing<R> {
-    /// Distance along the ray, in lengths of its direction; [`NOTHING`] for a ray that misses the
+    /// Distance along the ray, in lengths of its direction; [`T_MISS`] if the ray misses the
     /// triangle.
     pub distance: R,
     /// Weights of the second and the third corner.
@@ -512,8 +515,8 @@ pub struct Crossing<R> {
 }
 
 /// Crossing of a ray and a triangle, whose corners are counterclockwise seen from its front (Möller
-/// and Trumbore 1997, "Fast, Minimum Storage Ray/Triangle Intersection"). Its back is met by rays
-/// that start at least `back_depth` below its plane, by none if that is negative.
+/// and Trumbore 1997, "Fast, Minimum Storage Ray/Triangle Intersection"). Rays that start at least
+/// `back_depth` below its plane hit its back; none do if that is negative.
 #[inline(always)]
 pub fn crossing<R: Real>([a, b, c]: [Vec3<R>; 3], origin: Vec3<R>, direction: Vec3<R>, back_depth: R) -> Crossing<R> {
     let (to_b, to_c, from_a) = (b - a, c - a, origin - a);
@@ -534,10 +537,10 @@ pub fn crossing<R: Real>([a, b, c]: [Vec3<R>; 3], origin: Vec3<R>, direction: Ve
     let least = zero.constant(-EDGE);
     let is_inside = least.less(u) & least.less(v) & (u + v).less(zero.constant(1.0 + EDGE));
     let is_met = is_faced & is_inside & zero.less(distance);
-    Crossing { distance: R::select(is_met, distance, zero.constant(NOTHING)), weights: [u, v] }
+    Crossing { distance: R::select(is_met, distance, zero.constant(T_MISS)), weights: [u, v] }
 }
 
-/// Surface that a reflected ray meets.
+/// Surface that a reflected ray hits.
 #[derive(Clone, Copy, Debug)]
 pub struct NearSurface<R> {
     /// Normal; of any length.
@@ -581,19 +584,19 @@ pub fn ray_origin<R: Real>(camera: &CameraOf<R>, pixel: &Pixel<R>, depth: R, vie
     camera.position.add_scaled(-distance, view_dir).add_scaled(offset, pixel_normal(pixel, view_dir))
 }
 
-/// Light that a pixel reflects, L = base + far L_s(r, ρ) + tint ⊙ L_s(direction, roughness): that
-/// from afar, and that of the surface that its ray meets.
+/// Light that a pixel reflects, L = base + far L_s(r, ρ) + tint ⊙ L_s(direction, roughness): the
+/// far light, and the surface that its ray hits.
 #[derive(Clone, Copy, Debug)]
 pub struct Reflection<R> {
-    /// Light of the surface that the ray meets; zero where it meets none.
+    /// Light of the surface that the ray hits; zero for rays that hit none.
     pub base: Vec3<R>,
     /// Share of the far light that this surface reflects; zero where there is none.
     pub tint: Vec3<R>,
-    /// Direction from which it reflects far light.
+    /// Direction in which this surface looks up the far light.
     pub direction: Vec3<R>,
-    /// Roughness at which that is looked up.
+    /// Roughness of that lookup.
     pub roughness: R,
-    /// Share of the pixel's own far light: 1 where the ray meets nothing.
+    /// Share of the pixel's own far light: 1 where the ray hits nothing.
     pub far: R,
 }
 
@@ -601,15 +604,15 @@ impl<R: Real> Reflection<R> {
     /// Numbers of a reflection: base, tint, direction, roughness, far.
     pub const LEN: usize = 11;
 
-    /// Reflection of a ray that meets nothing.
+    /// Reflection of a ray that hits nothing.
     #[inline(always)]
     pub fn of_far(direction: Vec3<R>, roughness: R) -> Self {
         let none = Vec3::zero(roughness);
         Self { base: none, tint: none, direction, roughness, far: roughness.constant(1.0) }
     }
 
-    /// Reflection of a ray along a unit direction, from a surface of some roughness, that meets
-    /// another surface. Of a rough surface it counts less ([`share_of_near`]).
+    /// Reflection of a ray along a unit direction, from a surface of some roughness, that hits
+    /// another surface. The weight of that surface falls with the roughness ([`share_of_near`]).
     #[inline(always)]
     pub fn of_near(direction: Vec3<R>, roughness: R, near: &NearSurface<R>) -> Self {
         let fourth = |roughness: R| roughness.squared().squared();
@@ -649,16 +652,16 @@ impl<R: Real> Reflection<R> {
     }
 
     /// Light of the reflection, from the far light of the pixel and that of the surface that its
-    /// ray meets.
+    /// ray hits.
     #[inline(always)]
-    pub fn light(&self, own: Vec3<R>, of_near: Vec3<R>) -> Vec3<R> {
-        self.base + own * self.far + self.tint.times(of_near)
+    pub fn light(&self, own: Vec3<R>, second: Vec3<R>) -> Vec3<R> {
+        self.base + own * self.far + self.tint.times(second)
     }
 
-    /// The part of [`Reflection::light`] that comes from the surface that the ray meets.
+    /// The part of [`Reflection::light`] that comes from the surface that the ray hits.
     #[inline(always)]
-    pub fn indirect(&self, of_near: Vec3<R>) -> Vec3<R> {
-        self.base + self.tint.times(of_near)
+    pub fn indirect(&self, second: Vec3<R>) -> Vec3<R> {
+        self.base + self.tint.times(second)
     }
 
     /// Gradient of [`Reflection::light`] with respect to both lights.
@@ -668,18 +671,18 @@ impl<R: Real> Reflection<R> {
     }
 }
 
-/// Mask of pixels whose reflected rays count: where something is covered, and smooth enough that
+/// Mask of pixels whose reflected rays are traced: covered, and smooth enough that
 /// [`share_of_near`] is above zero.
 #[inline(always)]
 pub fn is_traced<R: Real>(coverage: R, roughness: R) -> R::Mask {
-    coverage.zero().less(coverage) & roughness.less(roughness.constant(BLURRED))
+    coverage.zero().less(coverage) & roughness.less(roughness.constant(NEAR_ROUGHNESS_END))
 }
 
-/// Share of the surface that a single ray meets in what a surface of some roughness reflects: 1 for
-/// mirrors, falling smoothly to 0 between [`SHARP`] and [`BLURRED`], since a rough surface sees
-/// more than a ray does.
+/// Weight of the surface that a single ray hits, in the reflection of a surface of some roughness:
+/// 1 for mirrors, falling smoothly to 0 between [`NEAR_ROUGHNESS_START`] and
+/// [`NEAR_ROUGHNESS_END`], since a single ray does not represent a wide lobe.
 #[inline(always)]
 pub fn share_of_near<R: Real>(roughness: R) -> R {
-    let x = ((roughness - SHARP) / (BLURRED - SHARP)).clamp(0.0, 1.0);
+    let x = ((roughness - NEAR_ROUGHNESS_START) / (NEAR_ROUGHNESS_END - NEAR_ROUGHNESS_START)).clamp(0.0, 1.0);
     x.squared() * (x * 2.0 - 3.0) + 1.0
 }

@@ -15,7 +15,7 @@ pub enum AxisRule {
     /// The first row of R with its columns sorted by scale: the authors' code computes it, and its
     /// checkpoints were trained with it.
     SortedRow,
-    /// No axis at all: the residual alone is the normal (the paper's ablation "without v").
+    /// No axis: the normal is only the residual (the paper's ablation "without v").
     None,
 }
 
@@ -26,7 +26,7 @@ type Ranks<R> = [[R; 3]; 3];
 /// The axis of a Gaussian before it is turned to the viewer; of unit length, or zero for
 /// [`AxisRule::None`].
 ///
-/// Equal scales: the earlier axis counts as the shorter.
+/// Of equal scales, the earlier axis counts as the shorter.
 #[inline(always)]
 pub fn axis<R: Real>(rule: AxisRule, rotation: &Mat3<R>, log_scales: Vec3<R>) -> Vec3<R> {
     let ranks = ranks(log_scales);
@@ -78,8 +78,8 @@ fn ranks<R: Real>(scales: Vec3<R>) -> Ranks<R> {
     [first, middle, last]
 }
 
-/// Numbers of residuals count as no larger than this, of either sign: beside so much an axis of
-/// unit length is lost in rounding.
+/// Largest magnitude of the numbers of residuals: beside larger ones an axis of unit length is lost
+/// in rounding.
 pub const RESIDUAL_MAX: f32 = 1e8;
 
 /// A normal that faces the viewer.

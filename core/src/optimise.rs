@@ -9,12 +9,12 @@ pub const BETA2: f32 = 0.999;
 /// Added to the root of the mean squared gradient (INRIA's value: practically nothing).
 pub const EPSILON: f32 = 1e-15;
 
-/// Gradients beyond this, of either sign, count as not finite: their squares are no numbers of an
-/// `f32`.
+/// Largest magnitude of a usable gradient; larger ones count as not finite, since their squares
+/// leave the range of an `f32`.
 pub const GRAD_MAX: f32 = 1e18;
 
-/// Learning rate of numbers at rest: a step changes neither them nor their moments. At a rate of
-/// zero only the numbers stay.
+/// Learning rate of numbers at rest: a step changes neither them nor their moments. A rate of zero
+/// only keeps the numbers.
 pub const AT_REST: f32 = -1.0;
 
 /// A parameter with its running means.

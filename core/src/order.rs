@@ -42,7 +42,7 @@ const LENGTH_MIN: f32 = 1e-30;
 const SCALE_MARGIN: f32 = 4e-6;
 const DEPTH_MARGIN: f32 = 2e-5;
 
-/// Depth of the largest response of a Gaussian; it means nothing for one that is not drawn.
+/// Depth of the largest response of a Gaussian; unspecified for one that is not drawn.
 #[inline(always)]
 pub fn response_depth<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> ResponseDepth<R> {
     let camera = camera.for_projection(ProjectionModel::Ray);

@@ -10,10 +10,10 @@ use half::f16;
 /// Storage of the numbers of Gaussians and of the texels of a filtered light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Storage {
-    /// In full: what training needs.
+    /// Full `f32`; training needs it.
     #[default]
     F32,
-    /// As halves, two to a word, but means and scales in full: pictures alone.
+    /// Pairs of `f16` in `u32`; means and scales stay `f32`. Render only.
     F16,
 }
 
@@ -32,7 +32,7 @@ impl Storage {
         }
     }
 
-    /// A texel as it comes back from where it is stored.
+    /// Texel after a round trip through the storage format.
     pub fn texel(self, texel: [f32; 4]) -> [f32; 4] {
         match self {
             Self::F32 => texel,

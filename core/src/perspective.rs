@@ -1,4 +1,4 @@
-//! The perspective inside of a splat, which the local affine projection leaves out.
+//! Perspective within a splat, which the local affine projection omits.
 //!
 //! Let a Gaussian have the mean μ and the covariance Σ in camera space, and let δ be the offset of
 //! a pixel from the image of μ. Along the ray through the pixel its largest response, in front of
@@ -13,7 +13,7 @@
 //! projection, taken at the mean however far off the axis it lies. It follows from q = |(μ × d)|²_Σ
 //! / |d|²_adj Σ (the cofactors of Cauchy and Binet). The affine projection is l = 0 and κ = 0; the
 //! projection onto the plane that touches the unit sphere where the mean is seen is κ = 0 and l·δ =
-//! d₀·(d − d₀) / |d₀|². So what each leaves out is known: to first order an alpha is off by no more
+//! d₀·(d − d₀) / |d₀|². So the error of each is known: to first order an alpha is off by no more
 //! than opacity · (1.16 |W⁻ᵀ l| + 1.08 κ), the largest values of r³ exp(−½ r²) and of ½ r⁴ exp(−½
 //! r²).
 //!
@@ -46,7 +46,7 @@ const OFF_BY_SLOPE: f32 = 1.159_4;
 /// Largest ½ r⁴ exp(−½ r²): 8 exp(−2).
 const OFF_BY_CURVATURE: f32 = 1.082_7;
 /// Limit of a footprint's squared eccentricity, and of the eye's closeness to it; beyond it the
-/// footprint counts as everywhere.
+/// footprint counts as unbounded.
 const ELLIPSE_MAX: f32 = 0.99;
 
 /// The perspective of a Gaussian's splat, as a projection has it.
@@ -88,7 +88,7 @@ fn slope_in_deviations<R: Real>(splat: &Splat<R>, [x, y]: [R; 2]) -> [R; 2] {
     [(x - yx * second) / xx, second]
 }
 
-/// In camera space; no nearer than splats are drawn.
+/// Mean in camera space, no nearer than the near plane.
 #[inline(always)]
 fn mean_in_camera<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Vec3<R> {
     let mean = camera.to_camera(shape.mean);
@@ -167,8 +167,8 @@ fn in_pixels<R: Real>(v: Vec3<R>, depth: R, camera: &CameraOf<R>) -> Vec3<R> {
 /// Footprint of a splat in perspective, and its variances along x and y, in px².
 ///
 /// q ≤ reach² is |y| ≤ ρ (1 + λ·y) with y = W δ, ρ² = reach² / (1 − κ reach²) and λ = W⁻ᵀ l: an
-/// ellipse with one focus at the mean and the eccentricity ρ |λ|, if that is below one. Where it is
-/// not, or the eye is within reach, the footprint is everywhere: its root is zero and its variances
+/// ellipse with one focus at the mean and the eccentricity ρ |λ|, if that is below one. Otherwise,
+/// or if the eye is within reach, the footprint is unbounded: its root is zero and its variances
 /// are infinite.
 #[inline(always)]
 pub fn footprint_in_perspective<R: Real>(
@@ -204,13 +204,13 @@ pub fn footprint_in_perspective<R: Real>(
     (footprint, [R::select(is_ellipse, a, infinite), R::select(is_ellipse, c, infinite)])
 }
 
-/// κ as scaled offsets need it.
+/// κ in the units of scaled offsets.
 #[inline(always)]
 pub fn scaled_curvature<R: Real>(curvature: R) -> R {
     curvature * (1.0 / (ROOT_SCALE * ROOT_SCALE))
 }
 
-/// 1 + l·δ of the point from which means are measured.
+/// 1 + l·δ at the origin of pixel coordinates.
 #[inline(always)]
 pub fn ray_scale_of_origin<R: Real>(mean2d: [R; 2], slope: [R; 2]) -> R {
     (-slope[0]).mul_add(mean2d[0], (-slope[1]).mul_add(mean2d[1], mean2d[0].constant(1.0)))
@@ -218,8 +218,8 @@ pub fn ray_scale_of_origin<R: Real>(mean2d: [R; 2], slope: [R; 2]) -> R {
 
 /// 1 + l·δ of a pixel: it is linear, so the origin's is added.
 #[inline(always)]
-pub fn ray_scale<R: Real>(of_origin: R, slope: [R; 2], [x, y]: [R; 2]) -> R {
-    slope[0].mul_add(x, slope[1].mul_add(y, of_origin))
+pub fn ray_scale<R: Real>(at_origin: R, slope: [R; 2], [x, y]: [R; 2]) -> R {
+    slope[0].mul_add(x, slope[1].mul_add(y, at_origin))
 }
 
 /// log₂ of a splat's strength from the scaled |W δ|² and 1 + l·δ.

@@ -17,8 +17,8 @@
 //! receives, and a white dielectric reflects all of it.
 //!
 //! The ambient transfer of a Gaussian is the share of the irradiance along its normal that reaches
-//! it past other surfaces, and of what those reflect: 1 in the open. It is no parameter; rays
-//! against the scene's surface find it.
+//! it past other surfaces, plus the light that those reflect: 1 without occlusion. It is not
+//! optimised; rays against the scene's surface determine it.
 
 use crate::{
     color::{srgb_color, srgb_color_vjp},
@@ -32,13 +32,13 @@ use crate::{
 pub const DIELECTRIC: f32 = 0.04;
 
 /// Shares of the specular colour in all light that leaves a Gaussian, between which [`metal_share`]
-/// rises from 0 to 1. Not up to 1, since uniform light makes a part of each metal look diffuse.
+/// rises from 0 to 1. Below 1, since uniform light makes a part of each metal look diffuse.
 const SPECULAR_SHARES: [f32; 2] = [0.12, 0.3];
 
 /// Reflectances between which [`metal_share`] rises: no metal is nearly black.
 const METAL_REFLECTANCES: [f32; 2] = [0.1, 0.3];
 
-/// Smallest radiance, beside which none is divided.
+/// Radiance that keeps divisors positive without light.
 const NO_LIGHT: f32 = 1e-6;
 
 /// Share of metal, 0 to 1, that the view-dependent colours of a Gaussian suggest.
@@ -73,8 +73,8 @@ pub fn reflectances<R: Real>(albedo: Vec3<R>, metalness: R) -> [Vec3<R>; 2] {
 /// Gradient of [`reflectances`] with respect to albedo and metalness.
 #[inline(always)]
 pub fn reflectances_vjp<R: Real>(albedo: Vec3<R>, metalness: R, [diffuse, f0]: [Vec3<R>; 2]) -> (Vec3<R>, R) {
-    let of_metalness = (f0 - diffuse).dot(albedo) - f0.sum() * DIELECTRIC;
-    (diffuse * (-metalness + 1.0) + f0 * metalness, of_metalness)
+    let grad_metalness = (f0 - diffuse).dot(albedo) - f0.sum() * DIELECTRIC;
+    (diffuse * (-metalness + 1.0) + f0 * metalness, grad_metalness)
 }
 
 /// Orientation of a pixel's surface. Also the shape of its gradient.
@@ -141,7 +141,7 @@ pub fn pixel_color_vjp<R: Real>(
     let grad_linear = srgb_color_vjp(linear, srgb, grad * coverage);
     let by_light = grad_linear.times(light.specular);
     let by_diffuse = grad_linear * transmitted(light.split_sum);
-    let of_transmitted = grad_linear.dot(surface.base.times(light.irradiance));
+    let grad_transmitted = grad_linear.dot(surface.base.times(light.irradiance));
     let grad_surface = PixelSurface {
         base: by_diffuse.times(light.irradiance),
         tint: by_light * light.split_sum[0],
@@ -151,7 +151,7 @@ pub fn pixel_color_vjp<R: Real>(
     let grad_light = PixelLight {
         specular: grad_linear.times(reflectance(surface, light)),
         irradiance: by_diffuse.times(surface.base),
-        split_sum: [by_light.dot(surface.tint) - of_transmitted * DIELECTRIC, by_light.sum() - of_transmitted],
+        split_sum: [by_light.dot(surface.tint) - grad_transmitted * DIELECTRIC, by_light.sum() - grad_transmitted],
     };
     (grad_surface, grad_light, grad.dot(srgb))
 }

@@ -1,4 +1,4 @@
-//! The order of the stages, written once.
+//! Order of the stages, in one place for all executors.
 
 use crate::{
     camera::Camera,
@@ -21,7 +21,7 @@ pub enum Stage<'a, E: Renderer> {
     Blend(&'a E::Splats, &'a E::Frame),
     /// Reflected rays were traced.
     Trace(&'a E::Frame),
-    /// Lamps were seen, pixel by pixel.
+    /// Direct light from lamps was evaluated.
     Illuminate(&'a E::Frame),
     /// Light was added pixel by pixel.
     ShadePixels(&'a E::Frame),
@@ -98,7 +98,7 @@ pub fn render_pass<E: Renderer>(
     forward_pass(exec, gaussians, light.filter(|_| rules.is_lit), camera, rules, E::bin, observer)
 }
 
-/// Stages of a picture under a light that is looked up, binned by `bin`.
+/// Stages of a picture under a filtered light, binned by `bin`.
 fn forward_pass<E: Renderer>(
     exec: &mut E,
     gaussians: &Gaussians<E::Array>,
@@ -144,7 +144,7 @@ pub fn shade_gaussians<E: Renderer>(
     project_and_shade(exec, gaussians, light.filter(|_| rules.is_lit), camera, rules, observer)
 }
 
-/// Splats and their channels, under a light that is looked up.
+/// Splats and their channels under a filtered light.
 fn project_and_shade<E: Renderer>(
     exec: &mut E,
     gaussians: &Gaussians<E::Array>,
@@ -189,8 +189,8 @@ fn take_step<E: Executor>(
     if step.is_observed {
         exec.observe(statistics, &splats, &grads, step.camera)?;
     }
-    let of_light = exec.update(gaussians, moments, &splats, light.as_ref(), &grads, step)?;
-    let light_grad = light_grad.or(of_light);
+    let gaussian_light_grad = exec.update(gaussians, moments, &splats, light.as_ref(), &grads, step)?;
+    let light_grad = light_grad.or(gaussian_light_grad);
     if let (Some((environment, moments)), Some(light), Some(light_grad)) = (fitted_light, &light, &light_grad) {
         let grad = exec.prefilter_vjp(environment, light, light_grad)?;
         exec.optimise_environment(environment, moments, grad, step.environment_rate, step.radiance_max, step.number)?;
@@ -201,10 +201,10 @@ fn take_step<E: Executor>(
 /// Results of the stages of a step up to the gradients of splats.
 struct Backward<E: Executor> {
     splats: E::Splats,
-    /// Light that was looked up.
+    /// Filtered light of the lookups.
     light: Option<E::Light>,
     grads: E::SplatGrads,
-    /// Gradient of the light, where pixels looked it up.
+    /// Gradient of the light, if pixels looked it up.
     light_grad: Option<E::LightGrad>,
 }
 
@@ -250,9 +250,9 @@ fn backward<E: Executor>(
 pub struct ViewGradient<A> {
     /// Gradient of the Gaussians.
     pub gaussians: Gaussians<A>,
-    /// Gradient of the light's numbers; none where no light was looked up.
+    /// Gradient of the light's numbers; `None` if no light was looked up.
     pub light: Option<A>,
-    /// Share in the statistics of densification; none for a step that is not observed.
+    /// Share in the statistics of densification; `None` for a step that is not observed.
     pub statistics: Option<Statistics<A>>,
 }
 
@@ -274,15 +274,15 @@ pub fn view_gradient<E: Executor>(
         if let Some(statistics) = &mut statistics {
             exec.observe(statistics, &splats, &grads, step.camera)?;
         }
-        let (grad, of_light) =
+        let (grad, gaussian_light_grad) =
             exec.gaussians_vjp(gaussians, step.camera, &splats, light.as_ref(), step.rules, step.weights, &grads)?;
-        let light_grad = light_grad.or(of_light);
-        let of_light = match (environment, &light, &light_grad) {
+        let light_grad = light_grad.or(gaussian_light_grad);
+        let environment_grad = match (environment, &light, &light_grad) {
             (Some(environment), Some(light), Some(grad)) => Some(exec.prefilter_vjp(environment, light, grad)?),
             _ => None,
         };
         if let Some(report) = exec.report()? {
-            return Ok((ViewGradient { gaussians: grad, light: of_light, statistics }, report));
+            return Ok((ViewGradient { gaussians: grad, light: environment_grad, statistics }, report));
         }
     }
 }

@@ -18,7 +18,7 @@ use crate::{
 };
 
 /// Upper bounds of the terms that the Gaussians of a scene and their light use. Gaussians that are
-/// too faint to be drawn do not count; NaN counts as infinite, so it is never left out.
+/// too faint to be drawn do not count; NaN counts as infinite, so it is never omitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Needs {
     /// Largest opacity · tint of any Gaussian: how much specular light can matter.
@@ -59,12 +59,12 @@ impl Needs {
         is_finite: true,
     };
 
-    /// Looks at every Gaussian once; without a light.
+    /// Needs of Gaussians without a light; reads each of them once.
     pub fn of<A: AsRef<[f32]>>(gaussians: &Gaussians<A>) -> Self {
         (0..gaussians.count).fold(Self::NOTHING, |needs, index| needs.and(gaussians, index))
     }
 
-    /// The same Gaussians under a light, if there is one.
+    /// Needs of the same Gaussians under a light, if there is one.
     pub fn under<A: AsRef<[f32]>>(self, light: Option<&Environment<A>>) -> Self {
         let radiance = light.map_or(0.0, |light| {
             light.values.as_ref().iter().fold(0.0, |max, x| larger(max, radiance_bound(light.activation, *x)))
@@ -158,11 +158,11 @@ pub enum Unlit {
 /// Reduced rendering rules of a scene, beside the full ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plan {
-    /// With the needed terms alone.
+    /// Rules with unused terms removed.
     pub rules: RenderRules,
-    /// With all terms: the same picture, bit by bit.
+    /// Rules with all terms: the same picture, bit by bit.
     pub full: RenderRules,
-    /// Why there is no light, if there is none.
+    /// Reason why no light is looked up, if none is.
     pub unlit: Option<Unlit>,
 }
 
@@ -172,13 +172,13 @@ pub struct Plan {
 const LOST_IN_ROUNDING: f32 = 1.490_116_1e-8; // 2^-26
 
 impl Plan {
-    /// The plan for a scene of this layout that is to be rendered as `asked`, its light filtered
+    /// Plans the rendering of a scene of this layout by the rules `asked`, with its light filtered
     /// into `levels`.
     ///
-    /// Levels that no roughness of the scene comes near are left out. One more is kept on either
+    /// Levels that no roughness of the scene comes near are omitted, but one more is kept on either
     /// side: the roughness of a pixel is a mean, which rounding may carry over the border of a
-    /// level. Nothing is left out where a number of a Gaussian is not finite: its attribute has to
-    /// be read to cull it.
+    /// level. Nothing is omitted if a number of a Gaussian is not finite: its attribute has to be
+    /// read to cull it.
     pub fn new(layout: Layout, needs: &Needs, levels: Option<&Levels>, asked: &RenderRules) -> Self {
         if !needs.is_finite {
             return Self { rules: *asked, full: in_full(asked), unlit: None };
@@ -197,9 +197,9 @@ impl Plan {
         Self { rules, full: in_full(asked), unlit }
     }
 
-    /// The plan for a scene whose reflected rays are traced against a near field, or are not. What
-    /// a mirror shows of a rougher surface is looked up as rough as both together, up to the last
-    /// level ([`crate::near_field`]).
+    /// Adapts the plan to reflected rays that are traced against a near field, or to none. A mirror
+    /// that reflects a rougher surface looks light up at the roughness of both together, up to the
+    /// last level ([`crate::near_field`]).
     #[must_use]
     pub fn tracing(mut self, traces_near: bool) -> Self {
         self.rules.traces_near = traces_near;
@@ -210,8 +210,7 @@ impl Plan {
         self
     }
 
-    /// The plan for a scene on which lamps shine, or none do. Lamps light a scene whose own light
-    /// is black.
+    /// Adapts the plan to lamps, or to none. Lamps light a scene even if its own light is black.
     #[must_use]
     pub fn illuminated(mut self, illuminates: bool) -> Self {
         self.rules.illuminates = illuminates;
@@ -224,13 +223,13 @@ impl Plan {
     }
 }
 
-/// Levels that pixels look up; of physical materials also the last, which holds the irradiance.
+/// Levels that pixels look up; for physical materials also the last, which holds the irradiance.
 fn read_levels(needs: &Needs, levels: &Levels, form: ShadingForm) -> LevelRange {
     let read = needs.levels(levels).and_neighbours();
     if form == ShadingForm::Physical { LevelRange { end: LevelRange::ALL.end, ..read } } else { read }
 }
 
-/// All that a training blends, at least.
+/// Rules that blend at least the channels of training.
 fn in_full(asked: &RenderRules) -> RenderRules {
     let channels = match asked.channels {
         Channels::Color => Channels::Training,
@@ -250,9 +249,9 @@ fn unlit(layout: Layout, needs: &Needs, rules: &RenderRules) -> Option<Unlit> {
     }
 }
 
-/// Whether d + s L is d to the last bit for every diffuse colour d, tint s and light L. The
-/// authors' form reflects without a tint as well; pixel by pixel a residual may leave nothing of
-/// the diffuse colour; layers show the light.
+/// Tests whether d + s L is d to the last bit for every diffuse colour d, tint s and light L. It is
+/// not in the authors' form, which also reflects without a tint; with light per pixel and
+/// residuals, which may cancel the diffuse colour; or in layers, which show the light.
 fn is_lost_in_rounding(needs: &Needs, rules: &RenderRules) -> bool {
     let is_added_to_diffuse = match rules.shading.form {
         ShadingForm::Paper => true,

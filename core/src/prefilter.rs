@@ -1,5 +1,5 @@
-//! Light into roughness levels (paper, eq. L_s): which levels there are, and which texels each of
-//! their texels sees.
+//! Light into roughness levels (paper, eq. L_s): the levels, and the texels that each of their
+//! texels sees.
 //!
 //! A level is a linear map of the base: y_i = Σ_j A_ij x_j with Σ_j A_ij = 1. The light is kept as
 //! a pyramid of means over 2×2 texels, weighted by their solid angles, and a row of A is a *cut*
@@ -41,7 +41,7 @@ impl PrefilterScheme {
     }
 }
 
-/// Some neighbouring levels of a light, by number.
+/// Range of consecutive levels of a light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LevelRange {
     /// The first of them.
@@ -56,11 +56,11 @@ impl LevelRange {
     /// No level.
     pub const NONE: Self = Self { first: 0, end: 0 };
 
-    /// Whether a level is among them.
+    /// Tests whether a level is in the range.
     pub const fn contains(self, level: usize) -> bool {
         self.first <= level && level < self.end
     }
-    /// These, and one more to either side.
+    /// This range, with one more level to either side.
     pub const fn and_neighbours(self) -> Self {
         Self { first: self.first.saturating_sub(1), end: self.end + 1 }
     }
@@ -139,8 +139,8 @@ impl Levels {
         })
     }
 
-    /// Creates a mip chain of `count` levels, each half as wide as the one before. None where
-    /// [`Levels::of`] gives none, or where a level would have no texel.
+    /// Creates a mip chain of `count` levels, each half as wide as the one before. `None` if
+    /// [`Levels::of`] gives none, or if a level would have no texel.
     pub fn mips(roughness: MipRoughness, resolution: usize, count: usize) -> Option<Self> {
         let mut levels = [Level { roughness: 0.0, resolution }; MAX_LEVELS];
         let levels = levels.get_mut(..count)?;
@@ -219,7 +219,7 @@ const NODE_WIDTH_MAX: f64 = 0.2;
 /// thousandth, and would make half of a narrow lobe's weights.
 pub const ENERGY_KEPT: f64 = 0.995;
 
-/// A lobe around a direction: which nodes of the light's pyramid it sees, and how much of each.
+/// A lobe around a direction: the nodes of the light's pyramid that it sees, and their weights.
 #[derive(Clone, Copy, Debug)]
 pub struct Lobe {
     reflection_dir: Vec3<Double>,

@@ -12,8 +12,8 @@ use crate::{
     vector::{Mat3, Vec3, vec3},
 };
 
-/// Standard deviations along a Gaussian's axes count as no longer than this on the screen, in px:
-/// longer ones look the same in any picture, and the determinant of such a splat still is an `f32`.
+/// Largest standard deviation along a Gaussian's axes on the screen, in px: longer ones look the
+/// same in any picture, and the determinant of such a splat is still an `f32`.
 pub const EXTENT_MAX: f32 = 1e9;
 
 /// Attributes of a Gaussian that determine its splat.
@@ -58,10 +58,10 @@ impl<R: Real> Shape<R> {
     #[inline(always)]
     pub fn is_finite(&self) -> R::Mask {
         let [w, x, y, z] = self.quat;
-        let of_quat = w.is_finite() & x.is_finite() & y.is_finite() & z.is_finite();
-        let of_attributes =
-            self.mean.is_finite() & self.log_scales.is_finite() & of_quat & self.opacity_logit.is_finite();
-        self.filter.map_or(of_attributes, |filter| of_attributes & filter.is_finite())
+        let is_quat_finite = w.is_finite() & x.is_finite() & y.is_finite() & z.is_finite();
+        let are_attributes_finite =
+            self.mean.is_finite() & self.log_scales.is_finite() & is_quat_finite & self.opacity_logit.is_finite();
+        self.filter.map_or(are_attributes_finite, |filter| are_attributes_finite & filter.is_finite())
     }
     /// The same where the mask holds, zero elsewhere.
     #[inline(always)]
@@ -84,7 +84,7 @@ struct EwaProjection<R> {
     inverse_depth: R,
     /// The mean, divided by its depth.
     free_slope: [R; 2],
-    /// The same within the limits of the camera.
+    /// Slope within the limits of the camera.
     slope: [R; 2],
     /// −1 < unclamped slope / limit < 1, as 1 or 0.
     slope_is_free: [R; 2],
@@ -129,7 +129,7 @@ struct Compensation<R> {
 }
 
 impl<R: Real> Compensation<R> {
-    /// Of det Σ₂, det(Σ₂ + b I) − det Σ₂ and det(Σ₂ + b I).
+    /// Compensation from det Σ₂, det(Σ₂ + b I) − det Σ₂ and det(Σ₂ + b I).
     #[inline(always)]
     fn new(unblurred: R, added: R, blurred: R) -> Self {
         let ratio = unblurred / blurred;
@@ -144,9 +144,9 @@ impl<R: Real> Compensation<R> {
     }
 }
 
-/// The splat of a Gaussian. Gaussians nearer than [`CameraOf::near`] lie behind the eye, and so do
-/// those with a number that is not finite: they must not be drawn. What else their splat holds
-/// means nothing.
+/// Projects a Gaussian to a splat. Gaussians nearer than [`CameraOf::near`], or with a number that
+/// is not finite, get a depth behind the eye: they must not be drawn, and the rest of their splat
+/// is unspecified.
 ///
 /// cov2d = V Vᵀ + b I with b of the [`LowPass`] and V = J · R_camera · R · S. Its determinant comes
 /// from the two rows of V by Cauchy and Binet, |v₁ × v₂|² + b(|v₁|² + |v₂|²) + b²: every term is
@@ -230,7 +230,8 @@ fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> EwaProjection<
     let mean_in_camera = camera.to_camera(shape.mean);
     let one = mean_in_camera.z.constant(1.0);
     let depth = R::select(camera.near.less(mean_in_camera.z), mean_in_camera.z, one);
-    // What is too far to be divided by is small, however large its Gaussian: scales end at e⁴⁰.
+    // Depths too large for a division belong to small splats, whatever the Gaussian: scales end at
+    // e⁴⁰.
     let scale = divisor_scale(depth);
     let inverse = (depth * scale).recip();
     let inverse_depth = inverse * scale;
@@ -325,8 +326,7 @@ fn half_grad<R: Real>(p: &EwaProjection<R>, [grad_xx, grad_yx, grad_yy]: [R; 3],
     ]
 }
 
-/// A row of the half matrix, its numbers no larger than [`EXTENT_MAX`]. What is not a number stays
-/// so.
+/// A row of the half matrix, its numbers no larger than [`EXTENT_MAX`]. NaN stays NaN.
 #[inline(always)]
 fn bounded<R: Real>(row: Vec3<R>) -> Vec3<R> {
     let most = row.x.constant(EXTENT_MAX);

@@ -105,7 +105,7 @@ pub trait Real:
     }
 }
 
-/// Larger divisors, and what they divide, are scaled down first; a power of two.
+/// Divisor above which it and its dividend are scaled down first; a power of two.
 const DIVISOR_LARGE: f32 = (1_u64 << 63) as f32;
 
 /// Power of two by which to multiply a positive divisor and its dividend before a division: 1 but
@@ -116,7 +116,7 @@ pub(crate) fn divisor_scale<R: Real>(divisor: R) -> R {
     R::select(is_large, divisor.constant(DIVISOR_LARGE.recip()), divisor.constant(1.0))
 }
 
-/// Mask on which a branch may depend: not that of formulas that are traced to become kernels.
+/// Mask that a branch may test; the masks of formulas that are traced to kernels have no such test.
 pub trait AnyLane {
     /// Whether any lane is set.
     fn any(self) -> bool;

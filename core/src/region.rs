@@ -15,7 +15,7 @@ pub struct Ball {
 }
 
 impl Ball {
-    /// Whether a point lies in it: |p − c|² ≤ r². What is not finite lies outside.
+    /// Whether a point lies in it: |p − c|² ≤ r². Points that are not finite lie outside.
     pub fn contains(&self, point: [f32; 3]) -> bool {
         let [x, y, z] = core::array::from_fn(|axis| point[axis] - self.center[axis]);
         x * x + y * y + z * z <= self.radius * self.radius

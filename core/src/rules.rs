@@ -13,7 +13,7 @@ pub struct RenderRules {
     pub shading: ShadingRules,
     /// The prefilter.
     pub scheme: PrefilterScheme,
-    /// Highest band of the spherical harmonics that is used; `None` leaves them out.
+    /// Highest band of the spherical harmonics that is used; `None` omits them.
     pub sh_degree: Option<u8>,
     /// Whether residuals are added to normals.
     pub normal_residuals: bool,
@@ -21,7 +21,7 @@ pub struct RenderRules {
     pub is_lit: bool,
     /// Whether reflected rays are traced against the near field of a light that has one.
     pub traces_near: bool,
-    /// Whether the lamps of a light that has some shine on physical materials.
+    /// Whether the lamps of a light, if it has some, light physical materials.
     pub illuminates: bool,
     /// The levels of the light that are looked up.
     pub levels: LevelRange,
@@ -37,13 +37,13 @@ pub enum LightLayer {
     /// Light along the reflected direction.
     #[default]
     Reflected,
-    /// Its part that other surfaces reflect there.
+    /// Part of it that other surfaces reflect.
     Indirect,
-    /// Share of the far light along the reflected direction that no surface keeps off, in all three
-    /// channels: 1 in the open, and where no light is looked up.
+    /// Share of the far light along the reflected direction that no surface occludes, in all three
+    /// channels: 1 without occlusion, and where no light is looked up.
     Visibility,
-    /// Irradiance / π of a physical material's diffuse layer: of the far light, times the mean of
-    /// its ambient transfer, and of lamps; zero for other materials.
+    /// Irradiance / π of a physical material's diffuse layer: that of the far light, times the mean
+    /// of its ambient transfer, plus that of lamps; zero for other materials.
     Irradiance,
 }
 
@@ -53,7 +53,7 @@ impl LightLayer {
 }
 
 impl RenderRules {
-    /// With everything that there is but a near field and lamps.
+    /// Rules with all terms except a near field and lamps.
     pub const fn full(shading: ShadingRules, scheme: PrefilterScheme, channels: Channels) -> Self {
         Self {
             shading,
@@ -72,7 +72,7 @@ impl RenderRules {
     pub fn is_deferred(&self, layout: Layout) -> bool {
         layout.is_shaded() && matches!(self.shading.form, ShadingForm::Deferred | ShadingForm::Physical)
     }
-    /// Whether lamps shine on the pixels of such a scene.
+    /// Tests whether lamps light the pixels of such a scene.
     pub fn is_illuminated(&self, layout: Layout) -> bool {
         self.is_lit && self.illuminates && layout.is_shaded() && self.shading.form == ShadingForm::Physical
     }
@@ -80,7 +80,7 @@ impl RenderRules {
     pub fn blended(&self, layout: Layout) -> Channels {
         let is_lit_by_pixel = self.is_lit && self.is_deferred(layout);
         match self.channels {
-            // Lamps shine on the albedo, at the depth of a pixel.
+            // Lamps light the albedo, at the depth of a pixel.
             _ if self.is_illuminated(layout) => Channels::Layers,
             // Rays start at the depth of a pixel.
             Channels::Color if is_lit_by_pixel && self.traces_near => Channels::Surface,
@@ -89,7 +89,7 @@ impl RenderRules {
             channels => channels,
         }
     }
-    /// Whether nothing of a surface but its own colour is asked for or lit.
+    /// Tests whether only the surface's own colour is requested, without light.
     pub fn is_color_alone(&self, layout: Layout) -> bool {
         !self.is_lit && self.blended(layout) == Channels::Color
     }
@@ -120,11 +120,11 @@ impl RenderRules {
 /// Channels that are blended into a picture in one pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Channels {
-    /// Colour alone: 3 channels.
+    /// Only colour: 3 channels.
     Color,
-    /// Colour, normal, depth and |Δn|²: 8 channels, those that the losses read.
+    /// Colour, normal, depth and |Δn|²: the 8 channels that the losses read.
     Training,
-    /// Colour, normal, tint and roughness: 10 channels, all that light needs pixel by pixel.
+    /// Colour, normal, tint and roughness: the 10 channels that light per pixel needs.
     Lit,
     /// Channels of training, then tint and roughness: 12 channels.
     Surface,
@@ -146,7 +146,7 @@ impl Channels {
         }
     }
 
-    /// Channels of this number; all layers, if there are none.
+    /// Channels with this count; all layers for an unknown count.
     pub const fn of_count(count: usize) -> Self {
         let mut k = 0;
         while k < Self::ALL.len() {
@@ -160,28 +160,28 @@ impl Channels {
 
     /// Whether a channel of all layers, as [`mod@channel`] numbers them, is among these.
     #[inline(always)]
-    pub const fn contain(self, of_layers: usize) -> bool {
-        self.index_of(of_layers).is_some()
+    pub const fn contain(self, layer: usize) -> bool {
+        self.index_of(layer).is_some()
     }
 
-    /// Index among these channels of a channel of all layers, as [`mod@channel`] numbers them; none
-    /// if it is left out.
+    /// Index among these channels of a channel of all layers, as [`mod@channel`] numbers them;
+    /// `None` if it is not blended.
     #[inline(always)]
-    pub const fn index_of(self, of_layers: usize) -> Option<usize> {
+    pub const fn index_of(self, layer: usize) -> Option<usize> {
         match self {
-            Self::Lit => match of_layers {
-                ..channel::DEPTH => Some(of_layers),
-                channel::TINT..channel::DIFFUSE => Some(of_layers - channel::TINT + channel::DEPTH),
+            Self::Lit => match layer {
+                ..channel::DEPTH => Some(layer),
+                channel::TINT..channel::DIFFUSE => Some(layer - channel::TINT + channel::DEPTH),
                 _ => None,
             },
-            _ if of_layers < self.count() => Some(of_layers),
+            _ if layer < self.count() => Some(layer),
             _ => None,
         }
     }
 }
 
-/// First channel of each layer in a picture of all layers; [`Channels::index_of`] says where it
-/// lies in others.
+/// First channel of each layer in a picture of all layers; [`Channels::index_of`] gives its place
+/// in others.
 pub mod channel {
     /// Colour, sRGB-encoded.
     pub const COLOR: usize = 0;

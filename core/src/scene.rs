@@ -10,7 +10,7 @@ use crate::{antialias::LowPass, light_network::WEIGHT_COUNT};
 /// Source of a Gaussian's colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Appearance {
-    /// Spherical harmonics alone: plain Gaussian splatting.
+    /// Only spherical harmonics: plain Gaussian splatting.
     Radiance,
     /// Diffuse, tint, roughness, two normal residuals and residual harmonics: the paper's shading
     /// function.
@@ -40,8 +40,7 @@ pub struct Layout {
     pub is_smoothed: bool,
 }
 
-/// Names materials and filters only where there are any: checkpoints hold the text of their
-/// settings.
+/// Prints materials and filters only if there are any: checkpoints hold the text of their settings.
 impl core::fmt::Debug for Layout {
     fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let Self { appearance, sh_degree, is_physical, low_pass, is_smoothed } = self;
@@ -210,12 +209,12 @@ impl<A: AsMut<[f32]>> Gaussians<A> {
 /// Activation of an environment's numbers to radiance ([`crate::environment`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum RadianceActivation {
-    /// As they are: radiance itself, which a trainer keeps from becoming negative.
+    /// Numbers are radiance itself, which a trainer keeps from becoming negative.
     Identity,
     /// exp(x): positive and unbounded, with the same relative step at every brightness.
     Exponential,
-    /// The numbers are the weights of a network ([`crate::light_network`]), which answers with the
-    /// logarithm of radiance; texels come from [`crate::environment::texels`] alone.
+    /// The numbers are the weights of a network ([`crate::light_network`]), which returns the
+    /// logarithm of radiance; only [`crate::environment::texels`] gives the texels.
     Network,
 }
 

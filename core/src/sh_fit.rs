@@ -1,5 +1,4 @@
-//! Harmonics that come closest to colours that were seen from some directions: weighted least
-//! squares.
+//! Fit of harmonics to colours that were seen from some directions, by weighted least squares.
 //!
 //! Minimises Σ w (½ + Σ_k Y_k(d) c_k − colour)² for each of red, green and blue over the
 //! coefficients c ([`crate::least_squares`]). Where many Gaussians are seen from the same
@@ -28,7 +27,7 @@ pub fn harmonics(direction: [f32; 3], count: usize) -> Harmonics {
 pub struct Fit(LeastSquares);
 
 impl Fit {
-    /// A fit of `count` = 1, 4, 9 or 16 harmonics that has seen nothing yet.
+    /// Empty fit of `count` = 1, 4, 9 or 16 harmonics.
     pub fn new(count: usize) -> Self {
         Self(LeastSquares::new(count))
     }
@@ -38,29 +37,29 @@ impl Fit {
         Self(self.0.without_targets(weight))
     }
 
-    /// A colour that was seen, sRGB-encoded, with a weight that is not negative.
+    /// Adds a colour that was seen, sRGB-encoded, with a weight that is not negative.
     pub fn add(&mut self, harmonics: &Harmonics, color: [f32; 3], weight: f64) {
         self.0.add(harmonics, target_of(color), weight);
     }
 
-    /// The direction of [`Fit::add`] alone.
+    /// Adds only the direction of a colour, as [`Fit::add`] does.
     pub fn add_direction(&mut self, harmonics: &Harmonics, weight: f64) {
         self.0.add_row(harmonics, weight);
     }
 
-    /// The colour of [`Fit::add`] alone.
+    /// Adds only a colour, as [`Fit::add`] does.
     pub fn add_color(&mut self, harmonics: &Harmonics, color: [f32; 3], weight: f64) {
         self.0.add_target(harmonics, target_of(color), weight);
     }
 
-    /// The coefficients, red, green and blue of each. None where the directions do not decide all
-    /// of them, or where a number is not finite.
+    /// Coefficients, red, green and blue of each; `None` if the directions do not determine all of
+    /// them, or if a number is not finite.
     pub fn solve(&self) -> Option<[[f32; 3]; MAX_COUNT]> {
         self.0.solve()
     }
 }
 
-/// Colour of the harmonics, beside the constant.
+/// Colour of the harmonics without the constant.
 fn target_of(color: [f32; 3]) -> [f64; 3] {
     color.map(|channel| f64::from(channel) - 0.5)
 }

@@ -1,6 +1,6 @@
-//! Harmonics of a scene that is turned: each degree turns within itself.
+//! Rotation of the harmonics of a scene: each degree rotates within itself.
 //!
-//! A colour Σ c_k Y_k(d) that is to be the same towards R d needs c′_j = Σ_k c_k ∫ Y_k(R⁻¹ d)
+//! A colour Σ c_k Y_k(d) that shall be the same towards R d needs c′_j = Σ_k c_k ∫ Y_k(R⁻¹ d)
 //! Y_j(d) dω / ∫ Y_j² dω. The integrands are polynomials of degree 6 at most, which a quadrature of
 //! Gauss along z and of equal steps around it integrates exactly, so nothing is lost but rounding.
 
@@ -22,7 +22,7 @@ const AROUND: usize = 8;
 /// Rotation of harmonics: row j has the weights of the old coefficients in the new coefficient j.
 pub type ShTurn = [[f64; MAX_COUNT]; MAX_COUNT];
 
-/// The turn of harmonics that goes with `rotation`, whose rows are given, of directions and places.
+/// Rotation of harmonics for a rotation of directions and places, whose rows are given.
 pub fn turn(rotation: [[f64; 3]; 3]) -> ShTurn {
     let matrix = Mat3 { rows: rotation.map(|[x, y, z]| vec3(Double(x), Double(y), Double(z))) };
     let mut sums = [[0.0; MAX_COUNT]; MAX_COUNT];
@@ -40,7 +40,7 @@ pub fn turn(rotation: [[f64; 3]; 3]) -> ShTurn {
     })
 }
 
-/// The coefficients of a colour, red, green and blue of each harmonic, after a turn.
+/// Coefficients of a colour, red, green and blue of each harmonic, after a rotation.
 pub fn turned(turn: &ShTurn, colors: &[[f32; 3]; MAX_COUNT]) -> [[f32; 3]; MAX_COUNT] {
     turn.map(|weights| {
         core::array::from_fn(|channel| {
@@ -49,7 +49,7 @@ pub fn turned(turn: &ShTurn, colors: &[[f32; 3]; MAX_COUNT]) -> [[f32; 3]; MAX_C
     })
 }
 
-/// Directions all around, and the solid angle that each stands for.
+/// Directions all around, and the solid angle of each.
 fn nodes() -> impl Iterator<Item = (crate::vector::Vec3<Double>, f64)> {
     let heights = NODES.into_iter().flat_map(|(z, weight)| [(z, weight), (-z, weight)]);
     heights.flat_map(|(z, weight)| {
@@ -87,7 +87,7 @@ mod tests {
         [[1.0, 0.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0], [0.3, -0.5, 0.7, 0.2], [-0.1, 0.9, 0.4, -0.8]];
 
     #[test]
-    fn a_turned_scene_has_towards_turned_directions_the_colours_that_it_had() {
+    fn rotated_harmonics_give_the_old_colours_in_rotated_directions() {
         let coefficients: [f64; MAX_COUNT] = core::array::from_fn(|k| math::sin64(1.0 + 2.3 * k as f64));
         for rotation in TURNS.map(rotation) {
             let turn = turn(rotation);
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn one_turn_after_the_other_is_the_turn_by_both_and_none_changes_nothing() {
+    fn rotations_compose_and_the_identity_changes_nothing() {
         let product =
             |a: &ShTurn, b: &ShTurn, j: usize, k: usize| (0..MAX_COUNT).map(|i| a[j][i] * b[i][k]).sum::<f64>();
         let [one, other] = [rotation(TURNS[2]), rotation(TURNS[3])];

@@ -32,7 +32,7 @@ pub enum ShadingForm {
     Physical,
 }
 
-/// The choices in which trainings of this method differ.
+/// Options in which implementations of this method differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ShadingRules {
     /// Equation of the colour.
@@ -99,7 +99,7 @@ impl<R: Real> Material<R> {
 /// Surface of a Gaussian seen from one position: directions and activated colours.
 #[derive(Clone, Copy, Debug)]
 pub struct Surface<R: Real> {
-    /// From the Gaussian to the eye, of unit length.
+    /// Unit direction from the Gaussian to the eye.
     pub view_dir: Vec3<R>,
     /// The normal, turned to the viewer.
     pub facing: Facing<R>,
@@ -115,10 +115,10 @@ pub struct Surface<R: Real> {
     pub roughness: R,
 }
 
-/// Below this cosine a surface is seen edge on, and the split-sum table is read there.
+/// Least n·v at which the split-sum table is read; below it a surface is seen edge on.
 pub const N_DOT_V_MIN: f32 = 1e-4;
 
-/// Gradient of a [`Surface`], of those parts that colours and losses depend on.
+/// Gradient of the parts of a [`Surface`] that colours and losses depend on.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfaceGrad<R> {
     /// Gradient of the unit normal.
@@ -127,7 +127,7 @@ pub struct SurfaceGrad<R> {
     pub residual_squared: R,
     /// Gradient of the reflected direction.
     pub reflection_dir: Vec3<R>,
-    /// Gradient of the direction to the eye, beside what comes through the reflection.
+    /// Gradient of the direction to the eye, without the part through the reflection.
     pub view_dir: Vec3<R>,
     /// Gradient of n·v.
     pub n_dot_v: R,

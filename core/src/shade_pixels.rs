@@ -101,7 +101,7 @@ pub fn pixel_color<R: Real>(surface: &PixelSurface<R>, light: Vec3<R>, coverage:
     srgb_color(surface.base + surface.tint.times(light)) * coverage
 }
 
-/// [`pixel_color`] without any light, from the premultiplied base alone; the same to the last bit.
+/// [`pixel_color`] without any light, from only the premultiplied base; the same to the last bit.
 #[inline(always)]
 pub fn unlit_pixel_color<R: Real>(base: Vec3<R>, coverage: R) -> Vec3<R> {
     srgb_color(base * per_coverage(coverage)) * coverage

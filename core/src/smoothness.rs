@@ -1,8 +1,8 @@
 //! Smoothness of rendered normals between creases.
 //!
-//! A mirror tells its normal only where an edge of the light passes through its reflection in some
-//! picture; between those places normals are noise of a few pixels. This loss draws them to vary
-//! evenly along rows and columns of the picture:
+//! A mirror constrains its normal only where an edge of the light passes through its reflection in
+//! some picture; elsewhere normals are noise of a few pixels. This loss makes them vary evenly
+//! along rows and columns of the picture:
 //!
 //! ```text
 //! b = (n₋ − 2 n₀ + n₊)⊥                      n at REACHES pixels to either side of a pixel
@@ -11,11 +11,10 @@
 //! ```
 //!
 //! ⊥ keeps the part across the line of sight. There the unit normal of a plane, a sphere or a
-//! cylinder is linear in the place on the picture, up to the outline, so that none of them is drawn
-//! to another shape. What bends by more than ε is no noise, and is let go (Geman and McClure 1987);
-//! c, the largest |b| of blurred normals, spares creases that noise hides. Where a surface mirrors
-//! nothing, its texture tells its shape, and w spares it; where light was not added pixel by pixel
-//! w = 1. c and w are held fixed.
+//! cylinder is linear in the place on the picture, up to the outline, so the loss does not deform
+//! them. Bends beyond ε are no noise, and saturate (Geman and McClure 1987); c, the largest |b| of
+//! blurred normals, exempts creases that noise hides. w exempts surfaces without reflections, whose
+//! texture determines their shape; without light per pixel w = 1. c and w are held fixed.
 
 use crate::{
     real::Real,
@@ -24,20 +23,20 @@ use crate::{
 
 /// Pixels from a pixel to the neighbours that its normal is compared with.
 pub const REACHES: [usize; 2] = [2, 4];
-/// Pixels from a pixel to the neighbours whose blurred normals tell of creases.
+/// Pixels from a pixel to the neighbours whose blurred normals detect creases.
 pub const CREASE_REACH: usize = 4;
 /// Pixels to either side over which normals are blurred.
 pub const BLUR_REACH: usize = 2;
-/// 1 / ε²: |b| above ε = 0.025, 1.4°, count no more than that.
+/// 1 / ε²: |b| above ε = 0.025, 1.4°, saturates.
 pub const INVERSE_SQUARED_LIMIT: f32 = 1600.0;
 /// 1 / g²: a crease turns blurred normals by |b| of g = 0.03 and more.
 pub const INVERSE_SQUARED_CREASE: f32 = 1111.0;
-/// s₀: a pixel that reflection makes brighter by this much, in sRGB, has half of the largest
+/// s₀: a pixel that is brighter by this much through reflection, in sRGB, has half of the largest
 /// weight.
 pub const REFLECTED_HALF: f32 = 0.1;
-/// Length below which a blended normal has no direction that could be smooth.
+/// Length below which a blended normal has no direction.
 pub const LENGTH_MIN: f32 = 0.25;
-/// Squared length between that of a unit normal and of none.
+/// Threshold of the squared length between unit normals and none.
 const PRESENT: f32 = 0.5;
 
 /// Unit normal of a pixel from its blended normal; zero without a surface, or where normals that
@@ -103,10 +102,10 @@ pub fn evenness<R: Real>(row: &Line<R>, column: &Line<R>, view_dir: Vec3<R>) -> 
     (falloff * falloff).keep(row.is_whole() & column.is_whole())
 }
 
-/// Weight s / (s + s₀) (1 − r)² of a pixel, from 0 where it is matte to nearly 1 where it is a
-/// mirror: from its colour under the light and without any, both sRGB-encoded, and its roughness,
-/// all premultiplied by its coverage, by which s and 1 − r are smaller as well. s is the mean
-/// difference of the colours, and zero where light takes colour away.
+/// Weight s / (s + s₀) (1 − r)² of a pixel, from 0 for matte surfaces to nearly 1 for mirrors: from
+/// its colour under the light and without any, both sRGB-encoded, and its roughness, all
+/// premultiplied by its coverage, which also scales s and 1 − r. s is the mean difference of the
+/// colours, and zero where light takes colour away.
 #[inline(always)]
 pub fn gloss<R: Real>(lit: Vec3<R>, unlit: Vec3<R>, roughness: R, coverage: R) -> R {
     let more = lit - unlit;

@@ -2,7 +2,7 @@
 
 use crate::math;
 
-/// Turn by which neighbours of a spiral lie farthest from all others: π (3 − √5), in radians.
+/// Golden angle, π (3 − √5), in radians: it keeps neighbours of a spiral farthest from all others.
 pub const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
 
 /// Unit directions, evenly spread over the sphere from +z to −z: a Fibonacci lattice, each with the
@@ -21,7 +21,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn directions_are_of_unit_length_and_none_prevails() {
+    fn directions_have_unit_length_and_a_mean_of_zero() {
         const COUNT: usize = 500;
         let mut sum = [0.0; 3];
         for direction in directions(COUNT) {

@@ -1,5 +1,4 @@
-//! Two-dimensional splats: the images of Gaussians as projection makes them, as binning bounds them
-//! and as compositing reads them.
+//! Two-dimensional splats, the images of Gaussians: for projection, binning and compositing.
 
 use crate::real::Real;
 

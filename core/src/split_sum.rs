@@ -50,13 +50,13 @@ impl HalfVector {
 pub fn integrate_over(half_vectors: impl Iterator<Item = HalfVector>, n_dot_v: f64, roughness: f64) -> [f64; 2] {
     let alpha2 = alpha2_ggx(roughness);
     let slant = |cosine: f64| math::sqrt64(cosine * cosine + alpha2 * (1.0 - cosine * cosine));
-    let (sine, of_view) = (math::sqrt64(1.0 - n_dot_v * n_dot_v), slant(n_dot_v));
+    let (sine, slant_of_view) = (math::sqrt64(1.0 - n_dot_v * n_dot_v), slant(n_dot_v));
     let mut sum = [0.0; 2];
     for HalfVector { n_dot_h, across, weight } in half_vectors {
         let v_dot_h = (sine * across + n_dot_v * n_dot_h).max(0.0);
         let n_dot_l = (2.0 * v_dot_h * n_dot_h - n_dot_v).max(0.0);
         // G / (n·v) without its pole: 2 n·l / (n·l slant(v) + n·v slant(l)).
-        let reflected = weight * v_dot_h * n_dot_l / (n_dot_l * of_view + n_dot_v * slant(n_dot_l));
+        let reflected = weight * v_dot_h * n_dot_l / (n_dot_l * slant_of_view + n_dot_v * slant(n_dot_l));
         let squared = (1.0 - v_dot_h) * (1.0 - v_dot_h);
         let fresnel = squared * squared * (1.0 - v_dot_h);
         sum[0] += (1.0 - fresnel) * reflected;

@@ -24,7 +24,7 @@ pub struct Statistics<A> {
     /// Sum over the views of the gradient's length at the projected centre, in normalised device
     /// coordinates.
     pub grad_sum: A,
-    /// Number of views in front of whose camera the Gaussian lay, in the picture or beside it.
+    /// Number of views whose camera had the Gaussian in front of it, in the picture or beside it.
     /// Beside the picture no gradient is added, so that places at the edge of a capture, which few
     /// views see, are refined less; INRIA's code counts Gaussians that touch a tile.
     pub view_count: A,
@@ -39,7 +39,7 @@ pub struct SceneState<A> {
     pub moments: AdamMoments<A>,
     /// Statistics for densification.
     pub statistics: Statistics<A>,
-    /// The light and its moments; none for plain Gaussian splatting.
+    /// The light and its moments; `None` for plain Gaussian splatting.
     pub light: Option<(Environment<A>, AdamMoments<A>)>,
 }
 

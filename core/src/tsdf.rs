@@ -1,29 +1,29 @@
 //! A surface from pictures of depth: truncated signed distances on a grid, as running means.
 //!
 //! Curless and Levoy 1996, "A Volumetric Method for Building Complex Models from Range Images":
-//! every picture says of a voxel how far before the surface it lies along the view; the mean over
-//! all pictures changes its sign at the surface.
+//! every picture measures how far a voxel lies in front of the surface along the view; the mean
+//! over all pictures changes its sign at the surface.
 
 use crate::math;
 
 /// State of a voxel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Voxel {
-    /// Distance to the surface in truncation lengths, in \[−1, 1\]: positive before it, negative
-    /// behind.
+    /// Distance to the surface in truncation lengths, in \[−1, 1\]: positive in front of it,
+    /// negative behind.
     pub distance: f32,
     /// Sum of the weights of all pictures that saw it; zero where none did.
     pub weight: f32,
-    /// Mean colour of what was seen near it, sRGB-encoded.
+    /// Mean colour of surfaces seen near it, sRGB-encoded.
     pub color: [f32; 3],
     /// Sum of the weights of those colours.
     pub color_weight: f32,
 }
 
 impl Voxel {
-    /// The voxel after one more picture, in which the surface lies `distance` truncation lengths
-    /// behind it and has this colour. What lies more than one such length behind a surface is
-    /// hidden by it: then nothing is learned. Colours count within one length of the surface.
+    /// Voxel after one more picture, in which the surface lies `distance` truncation lengths behind
+    /// it and has this colour. A voxel more than one such length behind a surface is hidden and
+    /// stays unchanged. Colours count within one length of the surface.
     #[must_use]
     pub fn seen(self, distance: f32, color: [f32; 3], weight: f32) -> Self {
         if !(distance >= -1.0 && weight > 0.0) {
@@ -46,7 +46,7 @@ pub const CORNERS: usize = 8;
 
 /// Surface vertex of a cell, from the distances at its corners: the mean of the points at which the
 /// surface crosses the edges, in cells from the corner 0, and the unit normal towards growing
-/// distances. None where all corners lie on one side.
+/// distances. `None` if all corners lie on one side.
 ///
 /// Gibson 1998, "Constrained Elastic Surface Nets", without the elastic part ("naive surface
 /// nets").

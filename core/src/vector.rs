@@ -20,8 +20,8 @@ pub struct Vec3<R> {
 
 /// Each component of a vector through an expression: `each!(v, x => x + 1.0)`.
 ///
-/// Written out it stays where it stands; a closure or a function that is handed on is compiled
-/// apart, without the vector features of the machine, and costs a call for every operation.
+/// The expression is expanded in place; a closure or a function that is passed on is compiled
+/// separately, without the vector features of the machine, and costs a call for every operation.
 #[macro_export]
 macro_rules! each {
     ($vector:expr, $component:ident => $result:expr) => {{

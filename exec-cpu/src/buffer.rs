@@ -1,5 +1,5 @@
 //! Pools of memory: the results of stages give their memory back when they are dropped, so a
-//! training allocates nothing once it has met its largest pictures.
+//! training allocates nothing once it has seen its largest pictures.
 
 use core::ops::{Deref, DerefMut};
 use std::{
@@ -35,10 +35,10 @@ impl<T> Default for Pool<T> {
 
 impl<T> Pool<T> {
     fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Vec<T>>> {
-        // The list holds free memory alone, so a panic elsewhere leaves it valid.
+        // The list only holds free memory, so a panic elsewhere leaves it valid.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
-    /// Memory that will be used again.
+    /// Returns memory to the pool.
     pub(crate) fn give(&self, values: Vec<T>) {
         if values.capacity() > 0 {
             self.lock().push(values);
@@ -75,8 +75,8 @@ impl<T> Pool<T> {
 }
 
 impl<T: Copy> Pool<T> {
-    /// A copy of values, in free memory if there is any. Gradients that come from elsewhere are
-    /// given back like those of stages, so that copies have to take what they add.
+    /// Copy of values, in free memory if there is any. Gradients from elsewhere go back to the pool
+    /// like those of stages, so copies have to take from it what they add.
     pub(crate) fn copy_of(&self, values: &[T]) -> Vec<T> {
         let mut copy = self.nearest(values.len()).unwrap_or_default();
         copy.clear();
@@ -96,7 +96,7 @@ impl<T: Copy + Default> Pool<T> {
 }
 
 /// Makes room for more values. Without memory for them it unwinds with [`OutOfMemory`], which a
-/// program can tell as a sentence; an allocation that fails would end it at once.
+/// program can report; a failed allocation would abort it.
 fn grow<T>(values: &mut Vec<T>, more: usize) {
     if values.try_reserve_exact(more).is_err() {
         resume_unwind(Box::new(OutOfMemory { bytes: more.saturating_mul(size_of::<T>()) }));
@@ -162,7 +162,7 @@ mod tests {
     use super::{OutOfMemory, Pool};
 
     #[test]
-    fn want_of_memory_can_be_caught() {
+    fn an_out_of_memory_panic_can_be_caught() {
         let taken = std::panic::catch_unwind(|| drop(Pool::<u64>::default().take(usize::MAX >> 5)));
         let payload = taken.expect_err("no system has as much");
         assert!(payload.downcast_ref::<OutOfMemory>().is_some_and(|fault| fault.bytes > 1 << 40));
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_comes_back() {
+    fn dropped_buffers_return_to_the_pool() {
         let pool = Pool::<f32>::default();
         let first = pool.take(1000);
         let address = first.as_ptr();
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_is_cleared_where_it_is_asked_for() {
+    fn cleared_buffers_hold_defaults() {
         let pool = Pool::<f32>::default();
         pool.take(10).fill(1.0);
         assert!(pool.take_cleared(10).iter().all(|x| *x == 0.0), "what the last user left is gone");

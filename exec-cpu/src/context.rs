@@ -23,7 +23,7 @@ impl Context {
     pub(crate) fn new() -> Self {
         Self { level: Level::new(), pools: Mutex::default() }
     }
-    /// Takes memory for `len` values, which are those of their last user.
+    /// Takes memory for `len` values, with the contents of its last use.
     pub(crate) fn take<T: Default + Send + 'static>(&self, len: usize) -> Buffer<T> {
         self.pool::<T>().take(len)
     }

@@ -36,7 +36,7 @@ pub enum CpuError {
     /// A near field cannot be traced.
     #[error("the near field is damaged: {0}")]
     NearField(NearFieldError),
-    /// Lamps cannot shine.
+    /// Lamps are invalid.
     #[error(transparent)]
     Lamps(LampError),
     /// Tiles hold more splats than are counted.

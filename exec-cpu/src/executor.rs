@@ -339,8 +339,8 @@ impl Executor for CpuExecutor {
     }
 
     fn expose_vjp(&mut self, frame: &Frame, exposure: &Exposure<f32>, grad: FrameGrad) -> Result<FrameGrad, CpuError> {
-        let (grad, of_exposure) = expose_vjp(&self.context, frame, exposure, grad);
-        self.report.exposure = Some(of_exposure);
+        let (grad, exposure_grad) = expose_vjp(&self.context, frame, exposure, grad);
+        self.report.exposure = Some(exposure_grad);
         Ok(grad)
     }
 
@@ -422,10 +422,10 @@ impl Executor for CpuExecutor {
     ) -> Result<Option<LightGrad>, CpuError> {
         let scene = Scene { shading: GaussianShading { layout: gaussians.layout, rules: *step.rules }, light };
         let size = StepSize::new(&self.context, step.rates, step.number);
-        let (nonfinite, of_light) =
+        let (nonfinite, light_grad) =
             update(&self.context, gaussians, moments, step.camera, splats, scene, step.weights, grads, &size);
         self.report.nonfinite += nonfinite;
-        Ok(of_light)
+        Ok(light_grad)
     }
 
     fn optimise_environment(

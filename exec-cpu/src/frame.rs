@@ -77,8 +77,8 @@ pub(crate) const fn quad_origin(quad: usize) -> [usize; 2] {
     [quad % QUADS_ACROSS * QUAD, quad / QUADS_ACROSS * QUAD]
 }
 
-/// Quads, or lanes of one, whose bits are set. To be walked by `for`: what a closure does may be
-/// compiled without the instructions of the machine.
+/// Quads, or lanes of one, whose bits are set. Iterate with `for`: closures may be compiled without
+/// the vector instructions of the machine.
 #[derive(Clone, Copy)]
 pub(crate) struct Bits(pub(crate) u16);
 
@@ -121,7 +121,7 @@ pub struct Frame {
     pub(crate) reflections: Option<Buffer<Quad>>,
     /// Light of lamps on the pixels, quad after quad, where there are any.
     pub(crate) direct: Option<Buffer<Quad>>,
-    /// The colour of the picture, quad after quad, where it is not what was blended.
+    /// Colour of the picture, quad after quad, if it differs from the blended one.
     pub(crate) shaded: Option<Buffer<Quad>>,
     /// Colour of the picture after its exposure, quad after quad, if it has one.
     pub(crate) exposed: Option<Buffer<Quad>>,
@@ -142,11 +142,12 @@ impl Frame {
     pub fn len_of_values(&self) -> usize {
         (self.channels + 1) * self.width * self.height
     }
-    /// Pixels of quads in which a splat was seen, over all splats: what blending cannot do without.
+    /// Pixels of quads in which a splat was seen, over all splats: the least that blending
+    /// evaluates.
     pub fn seen_pairs(&self) -> usize {
         BLOCK * self.seen.iter().map(|quads| quads.count_ones() as usize).sum::<usize>()
     }
-    /// Pixels of tiles that hold something.
+    /// Pixels of covered tiles.
     pub fn covered_pixels(&self) -> usize {
         self.cover.tiles.len() * SIZE * SIZE
     }
@@ -176,21 +177,21 @@ impl Frame {
     /// Planes of the picture, row by row: its channels, then transmittance, which is one where no
     /// splat is. There are [`Frame::len_of_values`] numbers.
     pub fn read(&self, values: &mut [f32]) {
-        let of_nothing = |channel: usize| if channel < self.channels { 0.0 } else { 1.0 };
-        self.read_planes(values, of_nothing, |slot, quad, channel| self.shown(slot, quad, channel));
+        let empty = |channel: usize| if channel < self.channels { 0.0 } else { 1.0 };
+        self.read_planes(values, empty, |slot, quad, channel| self.shown(slot, quad, channel));
     }
 
     /// Planes of quads of the covered tiles, and a number for all other pixels of each.
     fn read_planes<'a>(
         &self,
         values: &mut [f32],
-        of_nothing: impl Fn(usize) -> f32 + Sync,
+        empty: impl Fn(usize) -> f32 + Sync,
         quad_of: impl Fn(usize, usize, usize) -> &'a Quad + Sync,
     ) {
         let planes = values.par_chunks_mut((self.width * self.height).max(1)).enumerate();
         planes.for_each(|(channel, plane)| {
             plane.par_chunks_mut(SIZE * self.width).enumerate().for_each(|(row, rows)| {
-                rows.fill(of_nothing(channel));
+                rows.fill(empty(channel));
                 self.read_rows(row, rows, |slot, quad| quad_of(slot, quad, channel));
             });
         });
@@ -247,7 +248,7 @@ pub struct FrameGrad {
 #[cfg(feature = "testing")]
 impl FrameGrad {
     /// Plane by plane and row by row, as [`Frame::read`] gives the frame that it belongs to; zero
-    /// where nothing is.
+    /// without a splat.
     pub fn read(&self, frame: &Frame, values: &mut [f32]) {
         let len = tile_len(self.channels);
         frame.read_planes(

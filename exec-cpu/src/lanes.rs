@@ -15,7 +15,7 @@ use specula_core::{
 #[derive(Clone, Copy)]
 pub struct Lanes<S: Simd>(pub f32x16<S>);
 
-/// Sixteen answers.
+/// Mask of sixteen lanes.
 #[derive(Clone, Copy)]
 pub struct LaneMask<S: Simd>(mask32x16<S>);
 
@@ -30,7 +30,7 @@ impl<S: Simd> Lanes<S> {
     pub fn load(simd: S, values: &[f32]) -> Self {
         Self(f32x16::from_slice(simd, &values[..BLOCK]))
     }
-    /// Each of the first `N` arrays. A loop: in closures the machine's vectors would be lost.
+    /// Loads each of the first `N` arrays. A loop: closures lose the machine's vectors.
     #[inline(always)]
     pub(crate) fn load_each<const N: usize>(simd: S, arrays: &[[f32; BLOCK]]) -> [Self; N] {
         let mut all = [Self::splat(simd, 0.0); N];
@@ -39,12 +39,12 @@ impl<S: Simd> Lanes<S> {
         }
         all
     }
-    /// Lane by lane.
+    /// Lanes of an array.
     #[inline(always)]
     pub fn from_array(simd: S, values: [f32; BLOCK]) -> Self {
         Self(f32x16::simd_from(simd, values))
     }
-    /// Into the first sixteen numbers of a slice.
+    /// Stores the lanes into the first sixteen numbers of a slice.
     #[inline(always)]
     pub fn store(self, values: &mut [f32]) {
         self.0.store_slice(&mut values[..BLOCK]);

@@ -1,13 +1,13 @@
-//! Work in parts: something cut into pieces of any lengths, which threads visit without a list of
-//! them.
+//! Work in parts: data cut into pieces of any lengths, which threads visit without a list of
+//! pieces.
 
-/// Something that can be cut in two.
+/// Data that can be split in two.
 pub(crate) trait Parts: Sized + Send {
     /// The first `count` parts, and the rest.
     fn split(self, count: usize) -> (Self, Self);
 }
 
-/// A slice whose parts end where a function says.
+/// Slice that a function divides into parts.
 pub(crate) struct Pieces<'a, T> {
     values: &'a mut [T],
     first: usize,

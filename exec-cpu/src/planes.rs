@@ -1,4 +1,4 @@
-//! Planes of a picture, tile by tile and row by row: what windows look at.
+//! Planes of a picture, tile by tile and row by row: inputs of the losses over windows.
 
 use crate::{
     buffer::Buffer,
@@ -110,7 +110,7 @@ pub(crate) const fn plane_start(columns: usize, plane: usize, column: usize) -> 
     (plane * columns + column) * SIZE
 }
 
-/// A quad into a plane of a tile.
+/// Stores a quad into a plane of a tile.
 #[inline(always)]
 pub(crate) fn store_quad(plane: &mut [Row], quad: usize, values: &Quad) {
     let [x, y] = quad_origin(quad);

@@ -73,7 +73,7 @@ pub struct FrameCapacity(Capacity);
 /// Result of [`GpuExecutor::read_frame_later`].
 #[derive(Clone, Debug)]
 pub struct LaterFrame {
-    /// Values of the frame; none where its splats exceeded the capacity.
+    /// Values of the frame; `None` if its splats exceeded the capacity.
     pub values: Option<Vec<f32>>,
     /// Number of its planes.
     pub planes: usize,
@@ -91,7 +91,7 @@ impl Precision for Full {
     }
 }
 
-/// A format chosen at run time, for rendering alone.
+/// Format chosen at run time, only for rendering.
 impl Precision for Storage {
     fn storage(&self) -> Storage {
         *self
@@ -105,13 +105,13 @@ impl Precision for Storage {
 /// Gaussians and lights as halves.
 ///
 /// Contributions of single pixels and Gaussians to the gradient of a texel of the light are clamped
-/// to ± 2¹⁸, where the CPU adds them as they are: sums of them are integers, which do not depend on
-/// their order.
+/// to ± 2¹⁸, where the CPU adds them without limit: sums of them are integers, which do not depend
+/// on their order.
 #[derive(Debug)]
 pub struct GpuExecutor<P = Full> {
     pub(crate) context: Context,
     precision: P,
-    /// Order of splats in a pixel; training has that of means alone.
+    /// Order of splats in a pixel; training only supports that of means.
     order: BlendOrder,
     /// Weights of the last prefilter.
     weights: Option<Arc<Weights>>,
@@ -121,7 +121,7 @@ pub struct GpuExecutor<P = Full> {
     pub(crate) counters: StepCounters,
     /// Capacity of training steps, once the first has counted its pairs.
     pub(crate) capacity: Option<Capacity>,
-    /// Capacity of pictures that are read later; none where each counts its pairs first.
+    /// Capacity of pictures that are read later; `None` if each counts its pairs first.
     picture_capacity: Option<Capacity>,
     pub(crate) replay: ReplayDivision,
     /// Losses of the current training step.
@@ -148,14 +148,14 @@ impl GpuExecutor<Storage> {
         self.precision = storage;
     }
 
-    /// Lets pictures be read without blocking, by [`GpuExecutor::read_frame_later`] alone: their
+    /// Prepares to read pictures without blocking, only by [`GpuExecutor::read_frame_later`]: their
     /// splats are sorted with the capacity that earlier ones needed.
     pub fn read_later(&mut self) {
         self.picture_capacity = Some(Capacity::default());
     }
 
-    /// Planes of a frame, as [`Renderer::read_frame`] has them, once the device is done; none where
-    /// the frame has more splats than those before: it is to be rendered once more, after
+    /// Planes of a frame, as [`Renderer::read_frame`] has them, once the device is done; `None` if
+    /// the frame has more splats than those before: then render it again, after
     /// [`GpuExecutor::grant`].
     ///
     /// # Errors
@@ -173,10 +173,10 @@ impl GpuExecutor<Storage> {
         let (len, planes, gpu) = (4 * self.counters.array().len(), content.planes(frame), self.context.gpu.clone());
         Ok(async move {
             let bytes = bytes.await?;
-            let (of_counters, of_frame) = bytes.split_at(len);
-            let counts = StepCounts::new(&bytemuck::pod_collect_to_vec::<u8, u32>(of_counters));
+            let (counter_bytes, frame_bytes) = bytes.split_at(len);
+            let counts = StepCounts::new(&bytemuck::pod_collect_to_vec::<u8, u32>(counter_bytes));
             let capacity = FrameCapacity(counts.required(&gpu)?);
-            let values = (!counts.exceeds_capacity).then(|| bytemuck::pod_collect_to_vec(of_frame));
+            let values = (!counts.exceeds_capacity).then(|| bytemuck::pod_collect_to_vec(frame_bytes));
             Ok(LaterFrame { values, planes, capacity })
         })
     }
@@ -301,8 +301,8 @@ impl<P> GpuExecutor<P> {
 }
 
 impl<P: Precision> GpuExecutor<P> {
-    /// Evaluates a light that is a network. Weights that are not finite are not looked for, as they
-    /// are on the device.
+    /// Evaluates a light that is a network. Does not check that weights are finite, as they are on
+    /// the device.
     fn evaluate_network(
         &mut self,
         environment: &Environment<ChunkedArray>,
@@ -576,12 +576,13 @@ impl Executor for GpuExecutor {
             arrays.into_iter().flatten().map(|array| (array, 0..array.len())).collect();
         let (mut counts, mut loss, mut exposure) = (StepCounts::default(), LossReport::default(), None);
         self.context.read(&parts, |bytes| {
-            let (of_counters, sums) = bytes.split_at(4 * self.counters.array().len());
-            let (of_loss, of_exposure) = sums.split_at(losses.as_ref().map_or(0, |losses| 4 * losses.sums().len()));
+            let (counter_bytes, sums) = bytes.split_at(4 * self.counters.array().len());
+            let (loss_bytes, exposure_bytes) =
+                sums.split_at(losses.as_ref().map_or(0, |losses| 4 * losses.sums().len()));
             let numbers = bytemuck::pod_collect_to_vec::<u8, f32>;
-            counts = StepCounts::new(&bytemuck::pod_collect_to_vec::<u8, u32>(of_counters));
-            loss = losses.as_ref().map_or(loss, |losses| losses.report(&numbers(of_loss)));
-            exposure = exposure_sums.as_ref().map(|_| ExposureSums::total(&numbers(of_exposure)));
+            counts = StepCounts::new(&bytemuck::pod_collect_to_vec::<u8, u32>(counter_bytes));
+            loss = losses.as_ref().map_or(loss, |losses| losses.report(&numbers(loss_bytes)));
+            exposure = exposure_sums.as_ref().map(|_| ExposureSums::total(&numbers(exposure_bytes)));
         })?;
         self.counters.reset_step(&mut self.context);
         let gpu = &self.context.gpu;
@@ -670,7 +671,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_that_is_read_later_is_that_which_is_read_at_once() {
+    fn a_frame_read_later_equals_one_read_at_once() {
         let Some(context) = Context::for_tests() else { return };
         let camera = Camera::look_at([0.0; 3].into(), [0.0, 0.0, 1.0].into(), [0.0, -1.0, 0.0].into(), 0.6, SIZE, SIZE);
         let full = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Color);

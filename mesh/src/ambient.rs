@@ -1,8 +1,8 @@
 //! Ambient transfer of a surface ([`specula_core::physical`]): the share of the irradiance along
-//! its normal that reaches it past itself, and of what it reflects onto itself.
+//! its normal that reaches it past itself, plus the light that it reflects onto itself.
 //!
 //! With cosine-weighted directions ω_k of a vertex, the radiance L of the sky and L_o of the
-//! surface that a ray meets, at the nearest corner of its triangle ([`crate::sight`]),
+//! surface that a ray hits, at the nearest corner of its triangle ([`crate::sight`]),
 //!
 //! ```text
 //! transfer = Σ_k (L(ω_k) if ω_k meets nothing, else L_o) / Σ_k L(ω_k)
@@ -25,20 +25,20 @@ use specula_core::{
 
 /// Largest transfer: light that others reflect is seldom brighter than the sky.
 const TRANSFER_MAX: f32 = 4.0;
-/// Sum of radiances below which nothing is to be transferred.
+/// Sum of radiances below which the transfer is one.
 const DARK: f32 = 1e-6;
 
-/// Transfers of the vertices of a near field, and the share of their rays that meet it.
+/// Transfers of the vertices of a near field, and the share of their rays that hit it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ambient {
     /// Red, green and blue of each vertex.
     pub transfers: Vec<[f32; 3]>,
-    /// Share of all rays that meet the surface, from 0 to 1.
+    /// Share of all rays that hit the surface, from 0 to 1.
     pub met: f64,
 }
 
 impl Ambient {
-    /// Transfers of every vertex under a sky. Vertices without a normal are in the open.
+    /// Transfers of every vertex under a sky. Vertices without a normal are unoccluded.
     pub fn new(surface: &Surface, sky: &Sky) -> Self {
         let found: Vec<([f32; 3], usize)> = (0..surface.vertex_count)
             .into_par_iter()
@@ -50,7 +50,7 @@ impl Ambient {
     }
 }
 
-/// Transfer of a vertex that looks at others, and its rays that meet the surface.
+/// Transfer of a vertex that sees others, and its rays that hit the surface.
 fn transfer(
     near_field: &NearField<Vec<f32>>,
     seen: impl Iterator<Item = Option<usize>>,
@@ -66,8 +66,8 @@ fn transfer(
             Some(other) => {
                 let surface = vertex_surface(near_field.vertex(other));
                 let mirrored = reflect(Real3::from(-direction), normalize_or(surface.normal, Real3::from(-direction)));
-                let of_sky = sky.radiance(mirrored.into());
-                reached += Vec3::from(surface.base).max(Vec3::ZERO) + Vec3::from(surface.tint) * of_sky;
+                let sky_radiance = sky.radiance(mirrored.into());
+                reached += Vec3::from(surface.base).max(Vec3::ZERO) + Vec3::from(surface.tint) * sky_radiance;
                 met += 1;
             }
         }

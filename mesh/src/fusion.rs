@@ -76,7 +76,7 @@ impl Fusion {
 
 /// `voxels` along the longest edge of a scene, or as many as the longest edge of the largest
 /// picture of these cameras has pixels, if that is less: where pictures show the whole scene, finer
-/// voxels would tell apart nothing that these do.
+/// voxels would not resolve more.
 pub fn voxels_resolved(voxels: u16, cameras: &[Camera]) -> u16 {
     let pixels = cameras.iter().map(|camera| camera.width.max(camera.height)).max();
     pixels.and_then(|pixels| u16::try_from(pixels).ok()).map_or(voxels, |pixels| voxels.min(pixels.max(1)))
@@ -112,8 +112,8 @@ impl Volume {
         let is_solid = |[.., logit]: &[f32; 4]| sigmoid(*logit) >= COVERAGE_SURFACE;
         let all_are_thin = !somewhere.iter().any(is_solid);
         let bounds = |axis: usize| {
-            let of_solid = somewhere.iter().filter(|gaussian| all_are_thin || is_solid(gaussian));
-            let mut coordinates: Vec<f32> = of_solid.map(|gaussian| gaussian[axis]).collect();
+            let solid_means = somewhere.iter().filter(|gaussian| all_are_thin || is_solid(gaussian));
+            let mut coordinates: Vec<f32> = solid_means.map(|gaussian| gaussian[axis]).collect();
             coordinates.sort_unstable_by(f32::total_cmp);
             let outliers = (OUTLIER_SHARE * coordinates.len() as f32) as usize;
             let at = |index: usize| coordinates.get(index).copied().unwrap_or_default();
@@ -202,7 +202,7 @@ impl Volume {
     }
 
     /// Four cells around the edge of the grid from a corner along an axis, counterclockwise as seen
-    /// from outside of the surface; none for an edge that the surface does not cross.
+    /// from outside of the surface; `None` for an edge that the surface does not cross.
     fn quad(&self, corner: [usize; 3], axis: usize) -> Option<[usize; 4]> {
         let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
         if corner[b] == 0 || corner[c] == 0 {

@@ -17,12 +17,12 @@ use specula_core::{
     vector::Vec3 as Real3,
 };
 
-/// Distance along the normal at which reflected rays start, in voxels: less meets the surface that
+/// Distance along the normal at which reflected rays start, in voxels: less hits the surface that
 /// they start from, whose triangles differ from the depths of a view.
 const OFFSET_VOXELS: f32 = 1.5;
 /// Difference of depths up to which a view sees a vertex, in voxels.
 const VISIBLE_VOXELS: f32 = 2.0;
-/// Share of reflections below which a scene does not reflect itself: contacts of its parts alone.
+/// Share of reflections below which a scene does not reflect itself: only contacts of its parts.
 const SHARE_MIN: f64 = 0.01;
 /// Step between the vertices that are tested for self-reflection.
 const TESTED_EVERY: usize = 7;
@@ -55,7 +55,7 @@ impl<const N: usize> WeightedSum<N> {
         self.weight += weight;
     }
 
-    /// The mean; none if nothing was added.
+    /// Mean; `None` if nothing was added.
     fn mean(&self) -> Option<[f32; N]> {
         (self.weight > 0.0).then(|| self.sums.map(|sum| sum / self.weight))
     }
@@ -90,7 +90,7 @@ impl SurfaceMeans {
         gather(mesh, *voxel_size, albedos, camera, image, diffuse_albedo);
     }
 
-    /// Near field of the mesh; none without triangles, or with more than can be traced. Vertices
+    /// Near field of the mesh; `None` without triangles, or with more than can be traced. Vertices
     /// that no view sees reflect nothing and have the normal and the colour of the mesh.
     pub fn near_field(&self) -> Option<NearField<Vec<f32>>> {
         let Self { mesh, voxel_size, .. } = self;
@@ -113,8 +113,8 @@ impl SurfaceMeans {
     }
 }
 
-/// Near field of triangles and vertices, in a hierarchy; none without triangles, or with more than
-/// can be traced.
+/// Near field of triangles and vertices, in a hierarchy; `None` without triangles, or with more
+/// than can be traced.
 fn arranged(corners: &[[u32; 3]], vertices: &[[f32; VERTEX_LEN]], offset: f32) -> Option<NearField<Vec<f32>>> {
     if corners.is_empty() || vertices.len().max(2 * corners.len()) >= INDEX_MAX {
         return None;
@@ -133,8 +133,8 @@ fn arranged(corners: &[[u32; 3]], vertices: &[[f32; VERTEX_LEN]], offset: f32) -
     Some(NearField::of_sizes(sizes, offset, values))
 }
 
-/// The same triangles and vertices in a hierarchy that is built anew; none where there are no
-/// triangles, or one has a vertex that is not there.
+/// Rebuilds the hierarchy of the same triangles and vertices; `None` without triangles, or if one
+/// refers to a vertex that does not exist.
 pub fn rearranged(surface: &NearField<Vec<f32>>) -> Option<NearField<Vec<f32>>> {
     let [triangles, vertices] = [surface.triangles_start(), surface.vertices_start()];
     let vertex_count = surface.vertex_count as f32;
@@ -147,8 +147,8 @@ pub fn rearranged(surface: &NearField<Vec<f32>>) -> Option<NearField<Vec<f32>>> 
     arranged(&corners?, surface.values[vertices..].as_chunks::<VERTEX_LEN>().0, surface.offset)
 }
 
-/// Returns whether reflected rays of a scene meet it: a hundredth of its reflections or more, as
-/// some eyes see them, weighted by tint and by the share of a single ray.
+/// Returns whether reflected rays of a scene hit it: a hundredth of its reflections or more, seen
+/// from some eyes, weighted by tint and by the share of a single ray.
 pub fn reflects_itself(near_field: &NearField<Vec<f32>>, eyes: &[Vec3]) -> bool {
     if eyes.is_empty() {
         return false;

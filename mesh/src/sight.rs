@@ -1,5 +1,5 @@
-//! Sight of a surface by itself: the vertices that each vertex looks at, along rays weighted by
-//! their cosine. Found once, it carries light of any lamps from surface to surface.
+//! Sight of a surface by itself: the vertices that each vertex sees, along rays weighted by their
+//! cosine. Found once, it carries light of any lamps from surface to surface.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -15,18 +15,18 @@ const ROTATIONS: u64 = 0x616d_6269;
 /// Fractional parts of multiples of these fill a square evenly (the R₂ sequence; Roberts 2018).
 const R2: [f32; 2] = [0.754_877_7, 0.569_840_3];
 
-/// Vertex that a ray into the open looks at.
+/// Vertex that a ray without a hit sees.
 const OPEN: u32 = u32::MAX;
 
-/// Vertices that each vertex of a near field looks at.
+/// Vertices that each vertex of a near field sees.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sight {
-    /// [`RAYS`] for each vertex: the nearest corner of the triangle that a ray meets.
+    /// [`RAYS`] for each vertex: the nearest corner of the triangle that a ray hits.
     seen: Vec<u32>,
 }
 
 impl Sight {
-    /// Sight of all vertices of a near field. Vertices without a normal look into the open.
+    /// Sight of all vertices of a near field. Vertices without a normal see none.
     pub fn new(near_field: &NearField<Vec<f32>>) -> Self {
         let mut seen = vec![OPEN; RAYS * near_field.vertex_count];
         seen.par_chunks_mut(RAYS).enumerate().for_each(|(vertex, seen)| {
@@ -42,13 +42,13 @@ impl Sight {
         Self { seen }
     }
 
-    /// The vertices that a vertex looks at along its rays, in their order; none into the open.
+    /// Vertices that a vertex sees along its rays, in their order; `None` for a ray without a hit.
     pub(crate) fn of_vertex(&self, vertex: usize) -> impl Iterator<Item = Option<usize>> {
         self.seen[RAYS * vertex..RAYS * (vertex + 1)].iter().map(|seen| (*seen != OPEN).then_some(*seen as usize))
     }
 
-    /// Irradiance / π of every vertex by the light that leaves those that it looks at, which shine
-    /// alike in all directions; none comes from the open.
+    /// Irradiance / π of every vertex by the light that leaves the vertices that it sees, which
+    /// emit alike in all directions; rays without a hit bring none.
     pub fn irradiance(&self, radiance: &[Vec3]) -> Vec<Vec3> {
         let of = |seen: &u32| if *seen == OPEN { Vec3::ZERO } else { radiance[*seen as usize] };
         // Rays are weighted by their cosine.

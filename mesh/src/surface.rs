@@ -5,7 +5,7 @@ use core::ops::Deref;
 use specula_core::near_field::NearField;
 use std::sync::{Arc, OnceLock};
 
-/// Near field whose places stay, and its sight of itself, which is found once: at its first use,
+/// Near field of fixed geometry, and its sight of itself, which is computed once: at its first use,
 /// for all lights and for all copies in other colours.
 #[derive(Clone, Debug)]
 pub struct Surface {
@@ -19,12 +19,12 @@ impl Surface {
         Arc::new(near_field.into())
     }
 
-    /// Vertices that each vertex looks at.
+    /// Vertices that each vertex sees.
     pub fn sight(&self) -> &Sight {
         self.sight.get_or_init(|| Sight::new(&self.near_field))
     }
 
-    /// The near field alone.
+    /// Unwraps the near field.
     pub fn into_near_field(self) -> NearField<Vec<f32>> {
         self.near_field
     }

@@ -1,4 +1,4 @@
-//! Exchange over MPI, by sends and receives alone: no reduction, whose order MPI would choose.
+//! Exchange over MPI, with only sends and receives: no reduction, whose order MPI would choose.
 //!
 //! MPI may keep a sender waiting until its message is received. So messages queue until this rank
 //! receives itself, as every rank does at the end of a step; meanwhile all that arrives is taken
@@ -16,9 +16,9 @@ use std::{collections::VecDeque, thread, time::Instant};
 
 /// Bytes of one message of MPI at most, which counts in 32 bits.
 const FRAME_MAX: usize = 1 << 30;
-/// Pause between two looks at the network, once it was idle for a while.
+/// Pause between two polls of the network, once it was idle for a while.
 const PAUSE: Duration = Duration::from_micros(50);
-/// Looks at an idle network before the first pause.
+/// Polls of an idle network before the first pause.
 const EAGER_LOOKS: u32 = 2000;
 
 /// Exchange over the world of MPI.
@@ -37,7 +37,7 @@ impl MpiExchange {
         Self { rank, patience, outbox: Vec::new(), inbox: vec![VecDeque::new(); size] }
     }
 
-    /// Sends what is queued, and takes in what arrives until there is a frame of `from`.
+    /// Sends the queued frames, and receives until there is a frame of `from`.
     fn progress(&mut self, from: usize) -> Result<Vec<u8>, ExchangeError> {
         let Self { patience, outbox, inbox, .. } = self;
         let world = SimpleCommunicator::world();

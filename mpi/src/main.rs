@@ -6,18 +6,18 @@ use core::time::Duration;
 use exchange::MpiExchange;
 use mpi::{Threading, traits::Communicator};
 use specula::{Ranks, local_rank};
-use specula_train::exchange::{Exchange, PATIENCE};
+use specula_train::exchange::{Exchange, RANK_TIMEOUT};
 use std::{env, process::ExitCode, thread};
 
 /// Variable with the seconds after which a rank that does not answer counts as lost.
 const PATIENCE_VARIABLE: &str = "SPECULA_RANK_PATIENCE";
-/// Time for the first rank to print its sentence before another one ends all.
+/// Time for the first rank to print its error before another one ends all.
 const LAST_WORDS: Duration = Duration::from_secs(2);
 /// Exit code of an interrupted training, which all ranks end orderly.
 const INTERRUPTED: u8 = 130;
 
 fn main() -> ExitCode {
-    // The thread that trains is the one that talks.
+    // Only the training thread calls MPI.
     let Some((universe, _)) = mpi::initialize_with_threading(Threading::Funneled) else {
         eprintln!("specula-mpi: MPI cannot be started");
         return ExitCode::FAILURE;
@@ -48,7 +48,7 @@ fn main() -> ExitCode {
 
 /// Time after which a rank that does not answer counts as lost.
 fn patience() -> Result<Duration, String> {
-    let Ok(text) = env::var(PATIENCE_VARIABLE) else { return Ok(PATIENCE) };
+    let Ok(text) = env::var(PATIENCE_VARIABLE) else { return Ok(RANK_TIMEOUT) };
     match text.parse() {
         Ok(seconds) if seconds > 0 => Ok(Duration::from_secs(seconds)),
         _ => Err(format!("{PATIENCE_VARIABLE} is {text:?}; set it to a number of seconds")),

@@ -1,9 +1,9 @@
 //! Independent renderer in `f64` that shares no formula with core: the reference for core's own.
 //!
-//! Of core it knows types of scenes alone ([`specula_core::scene`],
-//! [`specula_core::camera::Camera`]). Everything is written a second time, the plain way: no tiles,
-//! no culling, no early end; every Gaussian in every pixel, exactly along its ray, each pixel
-//! sorted by itself; light by quadrature.
+//! Of core it uses only types of scenes ([`specula_core::scene`],
+//! [`specula_core::camera::Camera`]). Everything is written again, the plain way: no tiles, no
+//! culling, no early end; every Gaussian in every pixel, exactly along its ray, each pixel sorted
+//! by itself; light by quadrature.
 //!
 //! * [`rays`]: strength and order of Gaussians along a ray, and their blending
 //! * [`surface`]: their colours: harmonics, and the paper's shading function
@@ -35,7 +35,7 @@ pub enum LightPer {
 }
 
 /// A picture of Gaussians: sRGB colours, premultiplied, then transmittance, as planes. Looks are
-/// all of one kind; plain radiance asks for no light.
+/// all of one kind; plain radiance reads no light.
 pub fn render(
     scene: &[(Gaussian, Look)],
     light: &Light<'_>,

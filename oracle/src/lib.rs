@@ -1,10 +1,10 @@
 //! The whole pipeline from core's formulas, one plain loop after the other, over any number.
 //!
-//! No tiles, lanes or culling beyond what defines the picture: what an executor's stages are
-//! compared with, in `f64` as the oracle of its error. The stages have core's names;
-//! [`loss_and_gradient`] is one step of training up to the gradients. Layouts are core's, over
-//! `Vec<R>` instead of `Vec<f32>`. [`independent`] is a renderer that shares no formula with any of
-//! this. [`scenes`] and [`stress`] are test scenes.
+//! No tiles, lanes or culling beyond what defines the picture: the reference of an executor's
+//! stages, in `f64` for its error. The stages have core's names; [`loss_and_gradient`] is one step
+//! of training up to the gradients. Layouts are core's, over `Vec<R>` instead of `Vec<f32>`.
+//! [`independent`] is a renderer that shares no formula with any of this. [`scenes`] and [`stress`]
+//! are test scenes.
 #![forbid(unsafe_code)]
 
 mod cloud;
@@ -135,7 +135,7 @@ fn leave_out<R: Number>(splats: &mut [Splat<R>], gaussians: &Gaussians<Vec<R>>, 
     }
 }
 
-/// Channels that are blended; nothing of a surface is left out.
+/// Channels that are blended, with all of a surface.
 fn blended(shading: &GaussianShading) -> Channels {
     match shading.channels() {
         Channels::Lit => Channels::Surface,
@@ -160,7 +160,7 @@ fn shaded_and_terms<R: Number>(
 }
 
 /// Gradient of [`shade()`]: adds those of the Gaussians and of the light's texels. That of the
-/// depth belongs to [`project_vjp`]; plain Gaussians pass on the gradient of their colour alone.
+/// depth belongs to [`project_vjp`]; plain Gaussians only pass on the gradient of their colour.
 pub fn shade_vjp<R: Number>(
     gaussians: &Gaussians<Vec<R>>,
     camera: &Camera,
@@ -251,7 +251,7 @@ pub struct View<'a, R> {
     pub rules: &'a RenderRules,
     /// Weights of the losses.
     pub weights: &'a LossWeights,
-    /// Surface that reflected rays may meet.
+    /// Surface that reflected rays may hit.
     pub near_field: Option<&'a NearField<Vec<f32>>>,
 }
 
@@ -265,25 +265,25 @@ pub fn loss<R: Number>(
 ) -> R {
     let frame = render(gaussians, light, view.camera, view.rules);
     let weights = view.weights.of_form(view.rules.shading.form);
-    let of_this;
+    let own_weights;
     let frozen = if let Some(frozen) = frozen {
         frozen
     } else {
         let is_deferred = view.rules.is_deferred(gaussians.layout) && weights.smoothness != 0.0;
         let unlit = is_deferred.then(|| render(gaussians, None, view.camera, view.rules));
-        of_this = freeze_weights(&frame, unlit.as_ref(), view.camera);
-        &of_this
+        own_weights = freeze_weights(&frame, unlit.as_ref(), view.camera);
+        &own_weights
     };
-    let of_frame = frame_loss(&frame, view.target, view.camera, &weights, frozen);
-    of_frame + attribute_loss(gaussians, view.weights)
+    let frame_value = frame_loss(&frame, view.target, view.camera, &weights, frozen);
+    frame_value + attribute_loss(gaussians, view.weights)
 }
 
 /// The gradient of a scene.
 #[derive(Clone, Debug)]
 pub struct Gradient<R> {
-    /// Of the Gaussians.
+    /// Gradient of the Gaussians.
     pub gaussians: Gaussians<Vec<R>>,
-    /// Of the environment's numbers, if there is one.
+    /// Gradient of the environment's numbers, if there is one.
     pub environment: Option<Vec<R>>,
 }
 
@@ -307,8 +307,8 @@ pub fn loss_and_gradient<R: Number>(
     let is_unlit_needed = is_deferred && weights.smoothness != 0.0;
     let unlit = is_unlit_needed.then(|| shade_pixels(&frame, None, view.camera, view.rules));
     let frozen = freeze_weights(&picture, unlit.as_ref(), view.camera);
-    let of_frame = frame_loss(&picture, view.target, view.camera, &weights, &frozen);
-    let value = of_frame + attribute_loss(gaussians, view.weights);
+    let frame_value = frame_loss(&picture, view.target, view.camera, &weights, &frozen);
+    let value = frame_value + attribute_loss(gaussians, view.weights);
 
     let mut light_grad = light.as_ref().map(LightGrad::zero);
     let mut frame_grad = frame_loss_vjp(&picture, view.target, view.camera, view.weights, &frozen);

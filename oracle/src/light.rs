@@ -151,19 +151,19 @@ pub struct Light<R> {
     pub levels: Levels,
     /// Their padded maps.
     pub maps: Vec<Vec<Vec3<R>>>,
-    /// Surface of the scene that reflected rays may meet.
+    /// Surface of the scene that reflected rays may hit.
     pub near_field: Option<Arc<NearField<Vec<f32>>>>,
-    /// Lamps beside the light from afar.
+    /// Lamps in addition to the far light.
     pub lamps: Option<Arc<Lamps>>,
 }
 
 impl<R> Light<R> {
-    /// The same light around a near field.
+    /// Attaches a near field.
     #[must_use]
     pub fn around(self, near_field: NearField<Vec<f32>>) -> Self {
         Self { near_field: Some(Arc::new(near_field)), ..self }
     }
-    /// The same light with lamps.
+    /// Attaches lamps.
     #[must_use]
     pub fn with_lamps(self, lamps: Lamps) -> Self {
         Self { lamps: Some(Arc::new(lamps)), ..self }
@@ -220,7 +220,7 @@ fn network_levels<R: Number>(environment: &Environment<Vec<R>>, operator: &Opera
         let [x, y, z] = evaluate(&weights, encoding).numbers();
         vec3(x, y, z).map(|number| environment::radiance(environment.activation, number))
     };
-    encodings(operator).map(|of_level| of_level.iter().map(texel).collect()).collect()
+    encodings(operator).map(|level_encodings| level_encodings.iter().map(texel).collect()).collect()
 }
 
 /// Gradient of [`network_levels`] with respect to the weights.
@@ -234,11 +234,11 @@ fn network_levels_vjp<R: Number>(
     for (encoding, grad) in encodings(operator).flatten().zip(grads.iter().flatten()) {
         let answers = evaluate(&weights, &encoding);
         let (numbers, grad) = (answers.numbers(), grad.to_array());
-        let of_numbers = core::array::from_fn(|c| {
+        let grad_numbers = core::array::from_fn(|c| {
             let radiance = environment::radiance(environment.activation, numbers[c]);
             radiance_vjp(environment.activation, radiance, grad[c])
         });
-        evaluate_vjp(&weights, &encoding, &answers, of_numbers, &mut out);
+        evaluate_vjp(&weights, &encoding, &answers, grad_numbers, &mut out);
     }
     let gates = out.iter().zip(&environment.values);
     gates.map(|(grad, weight)| bounded_vjp(*weight, WEIGHT_MAX, *grad)).collect()

@@ -27,7 +27,7 @@ pub struct Target<R> {
     pub background: [f32; 3],
 }
 
-/// Numbers of a picture that the losses weigh with but do not change.
+/// Numbers of a picture that the losses use as constant weights.
 #[derive(Clone, Debug)]
 pub struct FrozenWeights {
     /// Coverage of every pixel.
@@ -87,11 +87,11 @@ pub fn frame_loss<R: Number>(
     let size = frame.pixel_count();
     let rendered = compared(frame, target, weights);
     let mut total = R::of(0.0);
-    let of_values = |weight: f32, f: fn(R, R) -> R| {
+    let weighted_mean = |weight: f32, f: fn(R, R) -> R| {
         let sum = rendered.iter().zip(&target.srgb).fold(R::of(0.0), |sum, (x, y)| sum + f(*x, *y));
         sum * R::of(f64::from(weight) / (3 * size) as f64)
     };
-    total = total + of_values(weights.absolute, loss::absolute) + of_values(weights.squared, loss::squared);
+    total = total + weighted_mean(weights.absolute, loss::absolute) + weighted_mean(weights.squared, loss::squared);
     if weights.dssim != 0.0 {
         let similarities = ssim_moments(frame.width, frame.height, &rendered, &target.srgb);
         let sum = similarities.iter().fold(R::of(0.0), |sum, moments| sum + loss::ssim(moments));
@@ -133,13 +133,13 @@ pub fn frame_loss_vjp<R: Number>(
     let rendered = compared(frame, target, weights);
     let mut grad = Frame { values: vec![R::of(0.0); frame.values.len()], ..*frame };
 
-    let of_value = |weight: f32| R::of(f64::from(weight) / (3 * size) as f64);
+    let grad_of_value = |weight: f32| R::of(f64::from(weight) / (3 * size) as f64);
     for (index, (x, y)) in rendered.iter().zip(&target.srgb).enumerate() {
-        grad.values[index] = loss::absolute_vjp(*x, *y, of_value(weights.absolute))
-            + loss::squared_vjp(*x, *y, of_value(weights.squared));
+        grad.values[index] = loss::absolute_vjp(*x, *y, grad_of_value(weights.absolute))
+            + loss::squared_vjp(*x, *y, grad_of_value(weights.squared));
     }
     if weights.dssim != 0.0 {
-        let grad_ssim = -of_value(weights.dssim);
+        let grad_ssim = -grad_of_value(weights.dssim);
         for (sum, x) in grad.values.iter_mut().zip(mean_ssim_vjp(frame, &rendered, &target.srgb, grad_ssim)) {
             *sum = *sum + x;
         }

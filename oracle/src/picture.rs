@@ -75,8 +75,8 @@ pub fn blend<R: Number>(splats: &[Splat<R>], colors: &[Vec<R>], order: &[usize],
     blend_within(splats, None, colors, order, camera, &Cutoffs::DEFAULT)
 }
 
-/// [`blend()`] with other cutoffs; how far splats reach into tiles is none of them, nor is their
-/// order ([`blend_in_order`]). Without perspectives projection was affine.
+/// [`blend()`] with other cutoffs, except the reach of splats into tiles and their order
+/// ([`blend_in_order`]). Without perspectives projection was affine.
 pub fn blend_within<R: Number>(
     splats: &[Splat<R>],
     perspectives: Option<&[Perspective<R>]>,
@@ -141,8 +141,8 @@ struct Hit<R> {
     depth: f64,
 }
 
-/// Splats of a pixel as they leave a window of this many, of any number for none; ties in their
-/// order.
+/// Splats of a pixel in the order in which they leave a window of this size, or an unlimited one
+/// for `None`; ties in their order.
 fn sorted<R>(hits: Vec<Hit<R>>, window: Option<usize>) -> Vec<Hit<R>> {
     let mut sorted: Vec<Hit<R>> = Vec::with_capacity(hits.len());
     for (count, hit) in hits.into_iter().enumerate() {
@@ -183,8 +183,8 @@ pub fn blend_vjp<R: Number>(
             replay = behind;
         }
     }
-    let of_splat = |k: usize| blend::moments_vjp(&splats2d[k], splats[k].opacity, &moments[k]);
-    ((0..splats.len()).map(of_splat).collect(), grad_colors)
+    let grad_splat = |k: usize| blend::moments_vjp(&splats2d[k], splats[k].opacity, &moments[k]);
+    ((0..splats.len()).map(grad_splat).collect(), grad_colors)
 }
 
 /// Colours over a background: C + T · background, three planes.

@@ -23,14 +23,14 @@ struct Lit<R> {
     pixel: Pixel<R>,
     view_dir: Vec3<R>,
     surface: PixelSurface<R>,
-    /// Reflection of the pixel; none without a light.
+    /// Reflection of the pixel; `None` without a light.
     reflection: Option<Reflection<R>>,
     light: Vec3<R>,
     /// Part of the light that other surfaces reflect.
     indirect: Vec3<R>,
-    /// Orientation of a physical material, and all light that reaches it; none without a light.
+    /// Orientation of a physical material, and all light that reaches it; `None` without a light.
     physical: Option<(PixelFacing<R>, PixelLight<R>)>,
-    /// Diffuse albedo and light of lamps, where these shine.
+    /// Diffuse albedo and light of lamps, if there are any.
     direct: Option<(Vec3<R>, DirectLight<R>)>,
     is_physical: bool,
 }
@@ -61,8 +61,8 @@ impl<R: Number> Lit<R> {
         let looked_up = light.zip(reflection.as_ref());
         let [radiance, indirect] = looked_up.map_or([Vec3::zero(R::of(0.0)); 2], |(light, reflection)| {
             let own = look_up(light, surface.reflection_dir, surface.roughness);
-            let of_near = look_up(light, reflection.direction, reflection.roughness);
-            [reflection.light(own, of_near), reflection.indirect(of_near)]
+            let near_light = look_up(light, reflection.direction, reflection.roughness);
+            [reflection.light(own, near_light), reflection.indirect(near_light)]
         });
         let is_physical = rules.shading.form == ShadingForm::Physical;
         let physical = light.filter(|_| is_physical).map(|light| {
@@ -111,9 +111,9 @@ impl<R: Number> Lit<R> {
                 Vec3::splat(far * coverage)
             }
             LightLayer::Irradiance => {
-                let of_sky = self.physical.as_ref().map_or(none, |(_, light)| light.irradiance * ambient);
-                let of_lamps = self.direct.as_ref().map_or(none, |(_, direct)| direct.irradiance * coverage);
-                of_sky + of_lamps
+                let sky_irradiance = self.physical.as_ref().map_or(none, |(_, light)| light.irradiance * ambient);
+                let lamp_irradiance = self.direct.as_ref().map_or(none, |(_, direct)| direct.irradiance * coverage);
+                sky_irradiance + lamp_irradiance
             }
         }
     }
@@ -137,7 +137,7 @@ impl<R: Number> Lit<R> {
     }
 }
 
-/// Reflection of a ray from a surface. What it meets is constant.
+/// Reflection of a ray from a surface. The hit point is detached.
 fn reflected<R: Number>(near_field: &NearField<Vec<f32>>, origin: Vec3<R>, surface: &PixelSurface<R>) -> Reflection<R> {
     let fixed = |x: R| R::of(x.value());
     let (direction, roughness) = (surface.reflection_dir.map(fixed), fixed(surface.roughness));
@@ -188,32 +188,33 @@ pub fn shade_pixels_vjp<R: Number>(
     let size = surface.pixel_count();
     for index in 0..size {
         let lit = Lit::new(surface, index, light, camera, rules);
-        let (mut grad_surface, grad_light, grad_coverage, of_physical) =
+        let (mut grad_surface, grad_light, grad_coverage, grad_physical) =
             lit.colors_vjp(vector_at(grad, channel::COLOR, index));
-        let mut of_facing = Vec3::zero(R::of(0.0));
+        let mut grad_facing = Vec3::zero(R::of(0.0));
         if let (Some(light), Some(reflection), Some(light_grad)) = (light, &lit.reflection, light_grad.as_deref_mut()) {
-            let [of_own, of_near] = reflection.light_vjp(grad_light);
+            let [grad_own, grad_near] = reflection.light_vjp(grad_light);
             let (direction, roughness) =
-                look_up_vjp(light, lit.surface.reflection_dir, lit.surface.roughness, of_own, light_grad);
+                look_up_vjp(light, lit.surface.reflection_dir, lit.surface.roughness, grad_own, light_grad);
             grad_surface.reflection_dir = direction;
             grad_surface.roughness = roughness;
-            look_up_vjp(light, reflection.direction, reflection.roughness, of_near, light_grad);
-            if let (Some((facing, _)), Some(of_light)) = (&lit.physical, of_physical) {
-                let (normal, _) = look_up_vjp(light, facing.normal, R::of(1.0), of_light.irradiance, light_grad);
-                let [n_dot_v, of_roughness] = split_sum_vjp(facing.n_dot_v, lit.surface.roughness, of_light.split_sum);
-                grad_surface.roughness = grad_surface.roughness + of_roughness;
-                of_facing = pixel_facing_vjp(&lit.pixel, lit.view_dir, &PixelFacing { normal, n_dot_v });
+            look_up_vjp(light, reflection.direction, reflection.roughness, grad_near, light_grad);
+            if let (Some((facing, _)), Some(grad_physical)) = (&lit.physical, grad_physical) {
+                let (normal, _) = look_up_vjp(light, facing.normal, R::of(1.0), grad_physical.irradiance, light_grad);
+                let [n_dot_v, grad_roughness] =
+                    split_sum_vjp(facing.n_dot_v, lit.surface.roughness, grad_physical.split_sum);
+                grad_surface.roughness = grad_surface.roughness + grad_roughness;
+                grad_facing = pixel_facing_vjp(&lit.pixel, lit.view_dir, &PixelFacing { normal, n_dot_v });
             }
         }
-        let of_surface = pixel_surface_vjp(&lit.pixel, lit.view_dir, &lit.surface, &grad_surface);
-        store(grad, channel::COLOR, index, of_surface.base);
-        for (plane, vector) in [(channel::NORMAL, of_surface.normal + of_facing), (channel::TINT, of_surface.tint)] {
+        let grad_pixel = pixel_surface_vjp(&lit.pixel, lit.view_dir, &lit.surface, &grad_surface);
+        store(grad, channel::COLOR, index, grad_pixel.base);
+        for (plane, vector) in [(channel::NORMAL, grad_pixel.normal + grad_facing), (channel::TINT, grad_pixel.tint)] {
             let sum = vector_at(grad, plane, index) + vector;
             store(grad, plane, index, sum);
         }
         let roughness = &mut grad.values[channel::ROUGHNESS * size + index];
-        *roughness = *roughness + of_surface.roughness;
+        *roughness = *roughness + grad_pixel.roughness;
         let transmittance = &mut grad.values[(surface.channels - 1) * size + index];
-        *transmittance = *transmittance - of_surface.coverage - grad_coverage;
+        *transmittance = *transmittance - grad_pixel.coverage - grad_coverage;
     }
 }

@@ -31,8 +31,8 @@ pub struct Case {
     pub background: [f32; 3],
     /// Alpha of the true picture's pixels.
     pub alpha: u8,
-    /// Whether much of the picture hangs on rounding, so that little can be said of it but that it
-    /// is finite.
+    /// Whether much of the picture depends on rounding, so that tests check little more than that
+    /// it is finite.
     pub is_on_edge: bool,
 }
 
@@ -51,7 +51,7 @@ impl Case {
         Self { name, cloud, camera, environment: None, background: [0.2, 0.5, 0.8], alpha: u8::MAX, is_on_edge: false }
     }
 
-    /// The same, if much hangs on rounding.
+    /// The same case, if much depends on rounding.
     fn on_edge(self) -> Self {
         Self { is_on_edge: true, ..self }
     }
@@ -62,7 +62,7 @@ impl Case {
     }
 
     /// The same with physical materials: black, white and saturated albedos, dielectrics and
-    /// metals, in darkness, in the open and beside bright surfaces.
+    /// metals, occluded, unoccluded and beside bright surfaces.
     #[must_use]
     pub fn with_materials(&self) -> Self {
         let layout = LAYOUT.physical();
@@ -81,8 +81,7 @@ impl Case {
         Self { cloud, ..self.clone() }
     }
 
-    /// The ways of shading that tell something about it: both ways of looking light up, if there is
-    /// any.
+    /// Shading rules to test the case with: both ways of looking light up, if there is any.
     pub fn shadings(&self) -> &'static [ShadingRules] {
         match self.environment {
             Some(_) => &[ShadingRules::PAPER, ShadingRules::DEFERRED],
@@ -97,10 +96,9 @@ impl Case {
         (0..4 * pixels).map(byte).collect()
     }
 
-    /// The same scene, but for its last digits: what the camera, the attributes and the light are
-    /// made of is moved by up to `share` of itself. By how much results move is what rounding may
-    /// do to them; where something is cut off, it moves them across the cut. Means stay, so that
-    /// equal depths do.
+    /// The same scene with other last digits: numbers of the camera, the attributes and the light
+    /// change by up to `share` of themselves. The change of results shows what rounding may do to
+    /// them; near a cut, numbers move across it. Means stay, so that equal depths stay equal.
     pub fn nudged(&self, share: f32, seed: u64) -> Self {
         let factor = |kind: u64, number: u64| 1.0 + share * (2.0 * random::uniform(seed, kind, number) - 1.0);
         let mut case = self.clone();
@@ -112,10 +110,9 @@ impl Case {
         case.camera.focal_px.iter_mut().for_each(&mut nudge);
         case.camera.principal_px.iter_mut().for_each(&mut nudge);
         for plane in LOG_SCALE..LAYOUT.plane_count() {
-            // Axes of one length stay so.
+            // Axes of equal length stay equal.
             let kind = if (LOG_SCALE..QUAT).contains(&plane) { LOG_SCALE } else { plane };
-            // Logarithms and what goes through a sigmoid count as no smaller than one: so does
-            // their rounding.
+            // Logarithms and logits count as no smaller than one, and so does their rounding.
             let is_raw = !(QUAT..OPACITY).contains(&plane) && plane < LAYOUT.sh_start();
             for gaussian in 0..self.cloud.count {
                 let factor = factor(kind as u64, gaussian as u64);
@@ -146,8 +143,8 @@ pub struct StressScene {
     pub background: [f32; 3],
 }
 
-/// Scenes in which what is cut off hides: much of it is faint, wide, thin or deep, and lies
-/// elsewhere in every view. `views` views of each.
+/// Scenes that hide the effect of cutoffs: much of what is cut off is faint, wide, thin or deep,
+/// and lies elsewhere in every view. `views` views of each.
 pub fn stress_scenes(views: usize) -> Vec<StressScene> {
     let scene = |name: &'static str, cloud: Cloud, camera: &dyn Fn(f32) -> Camera| {
         let cameras = (0..views).map(|k| camera((k as f32 + 0.5) / views as f32)).collect();

@@ -1,4 +1,4 @@
-//! The renderer that shares no formula with core: against the pipeline, and what must hold of it.
+//! The renderer that shares no formula with core: against the pipeline, and its invariants.
 
 use glam::{DMat3, DQuat, DVec3};
 use specula_core::{
@@ -22,8 +22,8 @@ use specula_oracle::{
     scenes::{camera, random_cloud, random_environment},
 };
 
-/// Core's constants have 32 bits: the exponent is off by a few parts in a hundred million, and what
-/// hangs on it.
+/// Core's constants have 32 bits: the exponent is off by a few parts in a hundred million, and so
+/// is what depends on it.
 const CONSTANTS_OF_CORE: f64 = 2e-7;
 /// A few roundings of `f64`.
 const ROUNDING: f64 = 1e-11;
@@ -67,7 +67,7 @@ fn largest_difference(one: &[f64], other: &[f64]) -> f64 {
 }
 
 #[test]
-fn in_one_order_it_draws_what_the_pipeline_draws() {
+fn in_one_order_the_renderer_draws_the_pictures_of_the_pipeline() {
     for (seed, degree) in [(1, 0), (2, 1), (3, 2), (4, 3)] {
         let plain = Layout::radiance(degree);
         let compensated = Layout { low_pass: LowPass::Compensated, ..plain };
@@ -98,7 +98,7 @@ fn queue() -> Gaussians<Vec<f32>> {
 }
 
 #[test]
-fn where_the_orders_agree_so_do_the_pictures() {
+fn pictures_agree_where_orders_agree() {
     let cloud = queue();
     let of = |order| render(&gaussians(&cloud), &no_light, LightPer::Gaussian, &view(), order).values;
     let pipeline = pipeline(&cloud, None, ShadingRules::PAPER);
@@ -112,7 +112,7 @@ fn where_the_orders_agree_so_do_the_pictures() {
 
 /// Light that is the same from everywhere needs no filter, and every way of shading shows it.
 #[test]
-fn surfaces_are_shaded_as_the_paper_says_by_both() {
+fn both_renderers_shade_surfaces_by_the_paper() {
     let cloud = cloud(Layout::shaded(Some(2)), 6, 1.0);
     let constant = Environment { resolution: 16, activation: RadianceActivation::Identity, values: vec![1.7; 6 * 768] };
     let operator = oracle::Operator::finer(16, 1);
@@ -169,7 +169,7 @@ fn straight() -> View {
 }
 
 #[test]
-fn gaussians_that_cross_change_places_where_they_do() {
+fn crossing_gaussians_swap_their_order_at_the_crossing() {
     let (gaussians, channels) = crossing();
     let [mean, distance, response] = ORDERS.map(|order| blend(&gaussians, &channels, &straight(), order));
     let (left, right) = (15 * 40 + 14, 15 * 40 + 25);
@@ -197,7 +197,7 @@ fn the_order_of_the_list_changes_nothing() {
 }
 
 #[test]
-fn weights_and_what_passes_are_one() {
+fn weights_and_transmittance_sum_to_one() {
     let scene = gaussians(&cloud(Layout::radiance(0), 10, 2.0));
     let own: Vec<Gaussian> = scene.iter().map(|(gaussian, _)| *gaussian).collect();
     for order in ORDERS {
@@ -234,7 +234,7 @@ fn turning_the_whole_world_changes_nothing() {
 /// A camera that turns in its place sees along a ray what it saw there before, in the same order:
 /// nothing pops. By the depth of means it does, because depths change.
 #[test]
-fn turning_the_camera_alone_pops_only_where_depths_of_means_decide() {
+fn turning_the_camera_pops_only_in_the_order_of_means() {
     let (mut gaussians, channels) = crossing();
     gaussians[0].mean.x = -0.1;
     gaussians[1].mean.x = 0.1;
@@ -261,7 +261,7 @@ fn turning_the_camera_alone_pops_only_where_depths_of_means_decide() {
 }
 
 #[test]
-fn what_is_strongest_behind_the_eye_or_before_the_near_plane_is_left_out_of_those_pixels() {
+fn responses_behind_the_eye_or_the_near_plane_are_skipped_in_their_pixels() {
     let ball = |mean: DVec3| Gaussian {
         mean,
         axes: DMat3::from_diagonal(DVec3::splat(0.3)),
@@ -284,9 +284,9 @@ fn what_is_strongest_behind_the_eye_or_before_the_near_plane_is_left_out_of_thos
     assert!(seen > 0 && seen < 1200, "some rays come nearest beyond the near plane: {seen}");
 }
 
-/// Written a second time, it must not lean on the first: it knows types of scenes alone.
+/// The renderer is written again and must not depend on core: it only uses types of scenes.
 #[test]
-fn it_names_nothing_of_core_but_scenes_and_cameras() {
+fn the_renderer_uses_only_scenes_and_cameras_of_core() {
     let sources = [
         include_str!("../src/independent.rs"),
         include_str!("../src/independent/rays.rs"),

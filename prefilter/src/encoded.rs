@@ -33,10 +33,10 @@ impl EncodedTexels {
         for (number, level) in operator.levels().iter().enumerate() {
             let count = FACE_COUNT * level.resolution * level.resolution;
             if kept_levels.contains(number) {
-                let of_level = attenuations(level.roughness);
+                let level_attenuations = attenuations(level.roughness);
                 encodings.par_extend((0..count).into_par_iter().map(|index| {
                     let (face, column, row) = texel_of_index(index, level.resolution);
-                    encoding_of(face, column, row, level.resolution, &of_level)
+                    encoding_of(face, column, row, level.resolution, &level_attenuations)
                 }));
                 kept = Some(kept.map_or(first, |kept| kept.start)..first + count);
             }
@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn texels_of_kept_levels_alone_are_encoded() {
+    fn only_texels_of_kept_levels_are_encoded() {
         let all = EncodedTexels::new(32, LevelRange::ALL);
         let count = |range: &Range<usize>| range.len();
         assert_eq!(all.nodes().iter().map(count).sum::<usize>(), all.encodings().len());

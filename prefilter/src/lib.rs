@@ -1,6 +1,6 @@
-//! The prefilter's operator: light into roughness levels is linear, and its weights depend on the
-//! resolution alone. They are worked out here once, from core's formulas; executors keep them and
-//! apply them.
+//! The prefilter's operator: light into roughness levels is linear, and its weights depend only on
+//! the resolution. They are computed here once, from core's formulas; executors keep them and apply
+//! them.
 //!
 //! A light is a pyramid of means over 2 × 2 texels, finest first (*nodes*); behind it lie the
 //! filtered texels (*rows*); lookups read levels with aprons.
@@ -33,7 +33,7 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 /// Coarsest resolution of the light's pyramid.
 const COARSEST: usize = 4;
-/// Operators with more weights than this are computed anew at each use instead of being kept.
+/// Operators with more weights than this are not stored but computed again at each use.
 const STORED_WEIGHTS_MAX: usize = 1 << 26;
 
 /// Scheme, resolution of the base and kept levels of an operator.
@@ -168,8 +168,8 @@ impl Operator {
         Self::of_levels(scheme, Levels::new(scheme, resolution), kept)
     }
 
-    /// [`Operator::new`], shared within the process: weights of small bases are worked out once for
-    /// the executors that use them by turns.
+    /// [`Operator::new`], shared within the process: weights of small bases are computed once for
+    /// the executors that use them in turns.
     pub fn shared(scheme: PrefilterScheme, resolution: usize, kept: LevelRange) -> Arc<Self> {
         let key = (scheme, resolution, kept);
         let operators = || SHARED.lock().unwrap_or_else(PoisonError::into_inner);
@@ -206,8 +206,9 @@ impl Operator {
             padded_offsets.push(padded_offsets[padded_offsets.len() - 1] + padded_len(block.resolution));
         }
         let nodes = NodeTable::new(2 * resolution);
-        let of_level = |size: usize| (0..size * size).map(move |k| official_texel_weight(k % size, k / size, size));
-        let official_weights = pyramid.iter().flat_map(|(size, _)| of_level(*size)).collect();
+        let level_weights =
+            |size: usize| (0..size * size).map(move |k| official_texel_weight(k % size, k / size, size));
+        let official_weights = pyramid.iter().flat_map(|(size, _)| level_weights(*size)).collect();
         let mut operator = Self {
             scheme,
             resolution,
@@ -283,7 +284,7 @@ impl Operator {
     pub fn reductions(&self) -> impl DoubleEndedIterator<Item = ([usize; 2], &Linear)> {
         self.pyramid.windows(2).map(|pair| [pair[0].1, pair[1].1]).zip(&self.reductions)
     }
-    /// From the pyramid to the rows; none if there are too many weights to keep.
+    /// From the pyramid to the rows; `None` if there are too many weights to keep.
     pub fn rows(&self) -> Option<&Linear> {
         self.stored.as_ref()
     }
@@ -517,13 +518,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn operators_of_one_key_are_shared_until_others_take_their_place() {
-        let of_first = |end: usize| Operator::shared(PrefilterScheme::Exact, 16, LevelRange { first: 0, end });
-        let first = of_first(1);
-        assert!(Arc::ptr_eq(&first, &of_first(1)), "weights are worked out once");
-        assert!(!Arc::ptr_eq(&first, &of_first(2)), "other levels have other weights");
-        (2..2 + SHARED_MAX).for_each(|end| drop(of_first(end)));
-        assert!(!Arc::ptr_eq(&first, &of_first(1)), "no more than {SHARED_MAX} are kept");
+    fn operators_are_shared_by_key_until_others_evict_them() {
+        let shared_operator = |end: usize| Operator::shared(PrefilterScheme::Exact, 16, LevelRange { first: 0, end });
+        let first = shared_operator(1);
+        assert!(Arc::ptr_eq(&first, &shared_operator(1)), "weights are worked out once");
+        assert!(!Arc::ptr_eq(&first, &shared_operator(2)), "other levels have other weights");
+        (2..2 + SHARED_MAX).for_each(|end| drop(shared_operator(end)));
+        assert!(!Arc::ptr_eq(&first, &shared_operator(1)), "no more than {SHARED_MAX} are kept");
         let fine = || Operator::shared(PrefilterScheme::Exact, 2 * SHARED_RESOLUTION_MAX, LevelRange::NONE);
         assert!(!Arc::ptr_eq(&fine(), &fine()), "large ones belong to their executors");
     }

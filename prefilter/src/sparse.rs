@@ -28,7 +28,7 @@ impl Linear {
     pub(crate) fn new(forward: Sparse, column_count: usize) -> Self {
         Self { forward, column_count, transposed: OnceLock::new() }
     }
-    /// Its transpose, for gradients; made when it is first asked for.
+    /// Its transpose, for gradients; built on first use.
     pub fn transposed(&self) -> &Sparse {
         self.transposed.get_or_init(|| self.forward.transpose(self.column_count))
     }
@@ -39,8 +39,8 @@ impl Sparse {
     pub fn row_count(&self) -> usize {
         self.starts.len().saturating_sub(1)
     }
-    /// The rows in as few ranges as there can be with at most this many weights each; a row that
-    /// has more is alone.
+    /// Rows in as few ranges as possible, with at most this many weights each; a longer row has a
+    /// range of its own.
     pub fn ranges(&self, weights_max: usize) -> Vec<Range<usize>> {
         let mut ranges = Vec::new();
         let mut first = 0;

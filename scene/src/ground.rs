@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use specula_core::{
     camera::Camera,
     lamps::{Lamp, LampOf, disc_axes, horizon, seen_share, shadow_ray, shift, spiral_point, toward},
-    near_field::{NOTHING, NearField},
+    near_field::{NearField, T_MISS},
     scene::Environment,
     sphere::directions,
 };
@@ -114,7 +114,7 @@ impl Ground {
         }
         let at = |index: usize| {
             let point = self.point_of([index % POINTS, index / POINTS].map(|k| k as f32));
-            let is_open = |direction: Vec3| !self.occluder.is_blocked(point.into(), direction.into(), NOTHING);
+            let is_open = |direction: Vec3| !self.occluder.is_blocked(point.into(), direction.into(), T_MISS);
             lights.iter().filter(|(direction, _)| is_open(*direction)).map(|(_, light)| *light).sum()
         };
         let reaching = (0..POINTS * POINTS).into_par_iter().map(at).collect();

@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_behind_or_too_near_is_not_drawn() {
+    fn splats_behind_the_eye_or_too_near_are_not_drawn() {
         let hidden = [ball(-2.0, 0.9, [1.0; 3]), ball(0.1, 0.9, [1.0; 3])];
         let picture = render(&hidden, &VIEW, [0.25; 3]);
         assert!(picture.iter().all(|pixel| *pixel == [0.25; 3]), "only the background shows");

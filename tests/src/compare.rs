@@ -12,7 +12,7 @@ pub const ROUNDING_F64: f64 = 1e-12;
 /// A few roundings of `f32`.
 pub const ROUNDING_F32: f64 = 1e-6;
 
-/// The two numbers differ by no more than `tolerance`.
+/// Checks that two numbers differ by no more than `tolerance`.
 #[track_caller]
 pub fn assert_close(actual: f64, expected: f64, tolerance: f64) {
     let difference = (actual - expected).abs();
@@ -33,7 +33,7 @@ fn nan_wins(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::INFINITY } else { a.max(b) }
 }
 
-/// The lists agree up to `tolerance` times the largest number expected.
+/// Checks that the lists agree up to `tolerance` times the largest number expected.
 #[track_caller]
 pub fn assert_all_close(actual: &[f64], expected: &[f64], tolerance: f64) {
     let difference = relative_difference(actual, expected);
@@ -52,7 +52,7 @@ pub fn psnr(a: &[f64], b: &[f64]) -> f64 {
     metrics::psnr(a.iter().zip(b).map(squared).sum::<f64>() / a.len() as f64)
 }
 
-/// The pictures are at least this close, in dB.
+/// Checks that the pictures are at least this close, in dB.
 #[track_caller]
 pub fn assert_psnr(actual: &[f64], expected: &[f64], at_least: f64) {
     let psnr = psnr(actual, expected);

@@ -1,4 +1,4 @@
-//! Exact gradients by dual numbers, to hold every `_vjp` against.
+//! Exact gradients by dual numbers, to check every `_vjp`.
 
 use crate::{compare::assert_all_close, number::Number};
 use specula_core::{double::Double, dual::Dual, random};
@@ -22,7 +22,7 @@ pub fn gradient(f: impl Fn(&[Dual]) -> Dual, inputs: &[f64]) -> Vec<f64> {
     pull_back(|x| vec![f(x)], inputs, &[1.0])
 }
 
-/// Holds a hand-written pull-back against dual numbers, for random cotangents.
+/// Checks a hand-written pull-back against dual numbers, for random cotangents.
 ///
 /// `f` maps inputs to outputs; `vjp` maps inputs and a gradient of the outputs to a gradient of the
 /// inputs. The largest difference may be `tolerance` times the largest component.

@@ -3,8 +3,7 @@
 use specula_gpu::{Gpu, GpuError, GpuExecutor};
 use std::sync::LazyLock;
 
-/// An executor on the first adapter. Without any a test cannot run: in CI that is a failure,
-/// elsewhere it is said.
+/// An executor on the first adapter. Without one tests are skipped with a note; in CI they fail.
 pub fn executor() -> Option<GpuExecutor> {
     executor_with_arrays_of(u64::MAX)
 }

@@ -67,21 +67,21 @@ fn on_host<R: Real>(formula: &impl Formula, rows: &[f32], number: impl Fn(f32) -
 fn excess(device: &[f32], host: &[f32], exact: &[f64]) -> f64 {
     let height = exact.len() / ROWS;
     let column = |k: usize| (k..exact.len()).step_by(height);
-    let of_result = |k: usize| {
+    let worst_of_result = |k: usize| {
         let scale = column(k).map(|i| exact[i].abs()).fold(f64::MIN_POSITIVE, f64::max);
         let rounding = column(k).map(|i| (f64::from(host[i]) - exact[i]).abs()).fold(0.0, f64::max);
         let allowed = WORSE_ROUNDING * rounding + LAST_PLACES * scale;
         column(k).map(|i| (f64::from(device[i]) - exact[i]).abs() / allowed).fold(0.0, nan_wins)
     };
-    (0..height).map(of_result).fold(0.0, nan_wins)
+    (0..height).map(worst_of_result).fold(0.0, nan_wins)
 }
 
 fn nan_wins(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::INFINITY } else { a.max(b) }
 }
 
-/// A formula is on the device what it is on the host: no result is further from the exact one than
-/// `f32` on the host may be.
+/// Checks that a formula on the device is no further from the exact result than `f32` on the host
+/// may be.
 #[track_caller]
 pub fn assert_same(gpu: &mut GpuExecutor, formula: &impl Formula, rows: &[f32]) {
     let device = gpu.evaluate(formula, rows).expect("the device computes");
@@ -92,15 +92,16 @@ pub fn assert_same(gpu: &mut GpuExecutor, formula: &impl Formula, rows: &[f32]) 
     assert!(excess <= 1.0, "{} is {excess} times as far off as allowed", formula.name());
 }
 
-/// Each formula of some sources of the GPU executor has a case in the source of a test; at least
-/// `count_min` formulas are found.
+/// Checks that each formula of some sources of the GPU executor has a case in the source of a test;
+/// at least `count_min` formulas are found.
 #[track_caller]
 pub fn assert_every_formula_has_a_case(formulas: &[&str], cases: &str, count_min: usize) {
     let cases: String = cases.split_whitespace().collect();
     let formulas = formulas.concat();
-    let of_macros = formulas.split("formula!(").skip(1);
-    let of_impls = formulas.split("\nimpl").filter_map(|rest| rest.split_once(" Formula for ")).map(|(_, rest)| rest);
-    let names = of_macros.chain(of_impls).filter_map(|rest| rest.split([',', ' ', '<']).next());
+    let macro_formulas = formulas.split("formula!(").skip(1);
+    let impl_formulas =
+        formulas.split("\nimpl").filter_map(|rest| rest.split_once(" Formula for ")).map(|(_, rest)| rest);
+    let names = macro_formulas.chain(impl_formulas).filter_map(|rest| rest.split([',', ' ', '<']).next());
     let count = names.inspect(|name| {
         assert!(cases.contains(&format!("assert_same(gpu,&{name}")), "{name} has no case on the device");
     });

@@ -3,11 +3,11 @@
 //!
 //! * [`compare`]: named tolerances and comparisons that can fail; [`strategies`]: random
 //!   directions, cameras, scenes
-//! * [`derivative`]: gradients by dual numbers, to hold every `_vjp` against
+//! * [`derivative`]: gradients by dual numbers, to check every `_vjp`
 //! * [`plain`]: the whole pipeline from core's formulas, one loop after the other, over any number
 //! * [`formulas`]: formulas on a device against the same formulas on the host
-//! * [`stress`]: scenes at the edges of what is valid, by name
-//! * [`near_fields`]: triangles that reflected rays may meet
+//! * [`stress`]: scenes at the limits of valid input, by name
+//! * [`near_fields`]: triangles that reflected rays may hit
 //! * [`prefilter_error`]: how far filtered light is from its integral
 //! * [`brute`]: plain Gaussian splatting in INRIA's conventions, [`independent`]: Gaussians exactly
 //!   along rays; both in `f64`, sharing no formula with core

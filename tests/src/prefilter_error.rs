@@ -21,7 +21,7 @@ pub const DIRECTIONS: usize = 160;
 /// Samples along the edge of a texel of the base.
 const SAMPLES: usize = 8;
 
-/// [`studio`] as a base map, and what lobes of every roughness see of it, by quadrature of the
+/// [`studio`] as a base map, and its light under lobes of every roughness, by quadrature of the
 /// bilinear map.
 #[derive(Debug)]
 pub struct Truth {

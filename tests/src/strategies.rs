@@ -28,7 +28,7 @@ fn from_env<T: FromStr>(name: &str) -> Option<T> {
     env::var(name).ok()?.parse().ok()
 }
 
-/// A direction, every one as likely as any other.
+/// Uniformly distributed direction.
 pub fn unit_vector() -> impl Strategy<Value = [f64; 3]> {
     (-1.0..1.0_f64, 0.0..TAU).prop_map(|(z, angle)| {
         let radius = (1.0 - z * z).sqrt();
@@ -41,7 +41,7 @@ pub fn any_vector() -> impl Strategy<Value = [f64; 3]> {
     (unit_vector(), -1.0..1.0_f64).prop_map(|(d, log_length)| d.map(|c| c * log_length.exp()))
 }
 
-/// A rotation, every one as likely as any other.
+/// Uniformly distributed rotation.
 pub fn rotation() -> impl Strategy<Value = Mat3> {
     quat().prop_map(|[w, x, y, z]| {
         let numbers = [x, y, z, w].map(|c| c as f32);

@@ -1,4 +1,4 @@
-//! Scenes at the edges of what is valid, and what executors make of them.
+//! Scenes at the limits of valid input, and results of executors for them.
 
 pub mod results;
 

@@ -1,4 +1,4 @@
-//! A training that has met its pictures takes no more memory from the system.
+//! A training allocates no more memory once it has seen its pictures.
 
 use specula_core::{
     camera::Camera,

@@ -1,5 +1,5 @@
-//! Files that hold anything at all: every reader of `io` comes to an end with a result or an error,
-//! and takes no more memory than it may. `scripts/fuzz` looks for longer, with other seeds.
+//! Files that hold anything at all: every reader of `io` ends with a result or an error, within its
+//! bound of memory. `scripts/fuzz` looks for longer, with other seeds.
 
 #[path = "readers/shapes.rs"]
 mod shapes;
@@ -45,7 +45,7 @@ use tempfile::TempDir;
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 /// One test at a time, because all of them share one count of memory.
-static ALONE: Mutex<()> = Mutex::new(());
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 /// Files that are tried by each test, unless the environment says otherwise, and the seed of noise.
 const CASES: u32 = 300;
@@ -56,7 +56,7 @@ const LEN_MAX: usize = 4096;
 const BYTES_FOR_EACH: usize = 64;
 /// Bytes that a reader of text and tables may take besides.
 const BYTES_OF_TABLES: usize = 1 << 21;
-/// Bytes that a reader of pictures may take besides: what it may unpack of any file, in several
+/// Bytes that a reader of pictures may take besides: pixels unpacked from any file, in several
 /// kinds of numbers.
 const BYTES_OF_PICTURES: usize = 1 << 30;
 /// Bytes that reading a network may take besides: the pictures of its check, layer by layer.
@@ -92,11 +92,11 @@ struct Place<'a> {
 impl<'a> Place<'a> {
     fn new(target: &'a Target) -> Self {
         // A test that failed holds nothing that the next one needs.
-        let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+        let turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = tempfile::tempdir().unwrap();
         (target.make)(folder.path());
         let right = fs::read(folder.path().join(target.file)).unwrap();
-        let place = Self { target, folder, right, _alone: alone };
+        let place = Self { target, folder, right, _turn: turn };
         place.read(&place.right).expect("the file is right");
         place
     }
@@ -550,7 +550,7 @@ const NETWORK: Target = Target {
 // Each of the least objects takes two hundred times its text, of which there may be little.
 const FACTS: Target = Target { memory: 1 << 25, ..MODEL };
 
-/// A test of each reader with files of the right shape, by what they are.
+/// Tests of readers with files of the right shape, by reader.
 macro_rules! shapes {
     ($($name:ident: $target:expr, $shapes:expr;)*) => {$(
         mod $name {
@@ -661,7 +661,7 @@ fn a_picture_of_four_billion_rows_is_refused() {
 
 /// A list may name images anywhere; the data set is named nevertheless.
 #[test]
-fn images_that_are_missed_elsewhere_are_missed_by_a_data_set() {
+fn missing_images_of_a_list_are_reported_with_its_data_set() {
     let place = Place::new(&LIST);
     let list = r#"{"fl_x": 9.5, "w": 8, "h": 8, "frames": [{"file_path": "/nowhere/none",
         "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}]}"#;

@@ -17,9 +17,9 @@ use specula_core::{
 };
 
 impl Profile {
-    /// The profile of a training that fits batches of views, from the profile of one that visits as
-    /// many views in all, one a step: what was counted in views is counted in batches. Learning
-    /// rates stay, as Adam takes a step for each view; 1 changes nothing.
+    /// Profile for batches of views, from the profile of a training that visits as many views in
+    /// all, one a step: counts of views become counts of batches. Learning rates stay, as Adam
+    /// takes a step for each view; 1 changes nothing.
     #[must_use]
     pub fn for_batches(mut self, views: u32) -> Self {
         let views = views.max(1);

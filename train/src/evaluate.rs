@@ -117,7 +117,7 @@ pub struct Pair {
     pub rendered: Vec<f32>,
     /// Ground truth.
     pub truth: Vec<f32>,
-    /// Mask of known pixels; none where all are known.
+    /// Mask of known pixels; `None` if all are known.
     pub known: Option<Vec<bool>>,
 }
 
@@ -322,7 +322,7 @@ mod tests {
     use specula_core::{camera::Camera, color::UNKNOWN};
 
     #[test]
-    fn what_is_unknown_is_not_measured() {
+    fn unknown_pixels_are_not_measured() {
         let (width, height) = (32, 24);
         let camera = Camera::look_at(Vec3::X * 4.0, Vec3::ZERO, Vec3::Z, 0.7, width as u32, height as u32);
         let truth = |k: usize| if k % width < 20 { [k as u8, 77, 3, 255] } else { UNKNOWN };
@@ -408,7 +408,7 @@ mod tests {
     const BACKGROUND: [f32; 3] = [0.9, 0.5, 0.1];
 
     #[test]
-    fn the_exposure_of_a_photograph_is_found_and_nothing_is_lost_where_there_is_none() {
+    fn fits_find_the_exposure_of_a_photograph_and_lose_nothing_without_one() {
         /// PSNR in dB of rounding to 8 bits: errors of 0.29 levels.
         const ROUNDED: f64 = 55.0;
         let exposure = [[0.7, 0.1, 0.0, 0.05], [0.05, 0.9, -0.1, 0.1], [0.0, 0.1, 0.8, -0.02]];

@@ -1,16 +1,16 @@
 //! Messages between the ranks of a training: processes or threads that share its work.
 //!
 //! An [`Exchange`] moves bytes and computes nothing. In particular it offers no sums, whose order a
-//! library would choose: whoever receives numbers uses them in the order of the views
+//! library would choose: a rank uses the numbers that it receives in the order of the views
 //! ([`crate::ranks`]). [`threads`] connects threads of one process and is the reference for all
 //! other exchanges.
 
 use core::{fmt::Debug, time::Duration};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 
-/// Time after which a rank that does not answer counts as lost, unless another is set. Ranks wait
-/// for the first one while it writes a checkpoint or measures test views.
-pub const PATIENCE: Duration = Duration::from_secs(600);
+/// Time after which a rank that does not answer counts as lost, by default. Ranks wait for the
+/// first one while it writes a checkpoint or measures test views.
+pub const RANK_TIMEOUT: Duration = Duration::from_secs(600);
 
 /// Failure of an exchange. The training of this rank ends with it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -29,7 +29,7 @@ pub enum ExchangeError {
         /// Time that was waited.
         patience: Duration,
     },
-    /// A message of another length than all ranks agree on.
+    /// A message's length differs from the one that all ranks expect.
     #[error("rank {rank} sent {found} bytes in place of {expected}")]
     Length {
         /// Number of the rank.
@@ -39,7 +39,7 @@ pub enum ExchangeError {
         /// Bytes that came.
         found: usize,
     },
-    /// A rank trains something else.
+    /// A rank trains other data or settings.
     #[error(
         "rank {rank} has {what} other than those of rank 0; start all ranks with the same options, pictures and kind of \
          executor"
@@ -97,7 +97,7 @@ pub trait Exchange: Debug + Send {
     }
 }
 
-/// Exchange between threads of one process. Dropping it tells the other ranks that this one ended.
+/// Exchange between threads of one process. Dropping it signals the end of this rank to the others.
 #[derive(Debug)]
 pub struct ThreadExchange {
     rank: usize,
@@ -152,7 +152,7 @@ mod tests {
     const AMPLE: Duration = Duration::from_secs(60);
 
     #[test]
-    fn everyone_gets_the_bytes_of_all_in_order() {
+    fn all_gather_returns_the_bytes_of_all_ranks_in_order() {
         let ranks = threads(3, AMPLE);
         let gather = |mut rank: ThreadExchange| rank.all_gather(vec![rank.rank() as u8; rank.rank()]);
         let handles: Vec<_> = ranks.into_iter().map(|rank| thread::spawn(move || gather(rank))).collect();
@@ -163,13 +163,13 @@ mod tests {
     }
 
     #[test]
-    fn one_rank_talks_to_itself() {
-        let mut alone = threads(1, AMPLE).remove(0);
-        assert_eq!(alone.all_gather(vec![7]), Ok(vec![vec![7]]));
+    fn all_gather_of_one_rank_returns_its_own_bytes() {
+        let mut single = threads(1, AMPLE).remove(0);
+        assert_eq!(single.all_gather(vec![7]), Ok(vec![vec![7]]));
     }
 
     #[test]
-    fn what_was_sent_arrives_before_the_end_of_its_sender() {
+    fn messages_arrive_before_the_end_of_their_sender() {
         let mut ranks = threads(2, AMPLE);
         let mut gone = ranks.remove(1);
         gone.send(0, vec![4]).expect("rank 0 is there");
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_waits_for_ever() {
+    fn receiving_from_a_silent_rank_times_out() {
         let patience = Duration::from_millis(20);
         let mut ranks = threads(2, patience);
         let error = ranks[0].receive(1).expect_err("nothing was sent");

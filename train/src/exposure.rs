@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn a_photograph_alone_shows_the_scene_as_it_is() {
+    fn the_map_of_a_single_photograph_stays_the_identity() {
         let mut exposures = identities(1);
         (1..20).for_each(|number| {
             assert_eq!(step(&mut exposures, 0, &grad(number), 0.1, number), 0, "every number is finite");
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nothing_decides_goes_back_to_the_identity() {
+    fn undetermined_maps_decay_to_the_identity() {
         const RATE: f32 = 0.02;
         let mut exposures = identities(2);
         (exposures.maps[0][0][0], exposures.maps[1][0][0]) = (1.2, 0.8);

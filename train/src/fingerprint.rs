@@ -1,4 +1,4 @@
-//! Fingerprints of numbers, which tell one array from another.
+//! Fingerprints of numbers, to distinguish arrays.
 
 /// Hash of numbers by their bits (FNV-1a over words).
 pub(crate) fn fingerprint(numbers: &[f32]) -> u64 {

@@ -1,7 +1,7 @@
 //! Scale of a light whose mean radiance is known.
 //!
 //! A light k times as bright on materials that reflect 1/k of it makes the same picture, so that
-//! photographs of metals alone do not tell them apart. One number does: the mean radiance over all
+//! photographs of only metals cannot distinguish them. One number can: the mean radiance over all
 //! directions, which a matte ball of albedo a shows as its own mean radiance divided by a.
 
 use specula_core::{
@@ -24,7 +24,7 @@ pub(crate) fn mean_radiance(light: &Environment<Vec<f32>>) -> [f32; 3] {
 }
 
 /// Scales a cube map so that its mean radiance is `wanted`; a channel that is black, or not finite,
-/// stays as it is.
+/// stays unchanged.
 pub(crate) fn scale_to(light: &mut Environment<Vec<f32>>, wanted: [f32; 3]) {
     let mean = mean_radiance(light);
     let factors: [f32; 3] = core::array::from_fn(|k| wanted[k] / mean[k]);

@@ -32,12 +32,12 @@ pub enum Unlit {
     Materials,
 }
 
-/// Share of rays between parts of a surface below which it counts as open: contacts of its parts
-/// alone.
+/// Share of rays between parts of a surface below which it counts as unoccluded: only contacts of
+/// its parts.
 const MET_MIN: f64 = 0.01;
 
-/// Near field of a scene as some cameras see it; none where they see no surface, or where it
-/// neither reflects itself nor, with physical materials, keeps light of `sky` from itself.
+/// Near field of a scene as some cameras see it; `None` if they see no surface, or if it neither
+/// reflects itself nor, with physical materials, occludes light of `sky`.
 ///
 /// `render` renders a view without light.
 ///

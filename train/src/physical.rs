@@ -38,8 +38,8 @@ pub(crate) fn view_rates(layout: Layout, rates: &[f32]) -> Vec<f32> {
     rates
 }
 
-/// Rates of a step of the materials: those of albedo and metalness. All that the view-dependent
-/// colours share rests, so that they lose nothing.
+/// Rates of a step of the materials: those of albedo and metalness. Planes that the view-dependent
+/// colours share stay at rest, so that these lose nothing.
 pub(crate) fn physical_rates(layout: Layout, rates: &[f32]) -> Vec<f32> {
     let mut resting = vec![AT_REST; rates.len()];
     if let Some(first) = layout.physical_planes() {
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn materials_have_the_losses_of_colours_and_of_metalness_alone() {
+    fn materials_have_only_the_losses_of_colours_and_of_metalness() {
         let weights = LossWeights {
             absolute: 0.8,
             dssim: 0.2,

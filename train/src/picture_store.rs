@@ -47,7 +47,7 @@ pub struct Held {
 
 impl PictureStore {
     /// Store of pictures with these cameras, which holds `budget` bytes of pixels at most, or a
-    /// single picture that is larger. `open` decodes a view, on one of so many threads.
+    /// single picture that is larger. `open` decodes a view, on one of `decoders` threads.
     ///
     /// # Panics
     ///
@@ -161,7 +161,7 @@ struct Job {
 
 /// Place of a picture.
 enum Place {
-    /// Picture that is being decoded, with so many bytes reserved.
+    /// Picture that is being decoded, with its reserved bytes.
     Opening(u64),
     Held(Arc<View>, u64),
     /// Picture that cannot be decoded.
@@ -300,8 +300,8 @@ impl Shelf {
         }
     }
 
-    /// Reserves memory for the first picture that has a turn and no place; none if there is no such
-    /// picture, or no room for it.
+    /// Reserves memory for the first picture that has a turn and no place; `None` if there is no
+    /// such picture, or no room for it.
     fn next_to_decode(&self, state: &mut State) -> Option<Job> {
         let next = state.next_visits();
         let missing = next.iter().filter(|(picture, _)| !state.places.contains_key(picture));
@@ -370,7 +370,7 @@ impl Shelf {
                     }
                     return Ok(view);
                 }
-                // Another try decodes it anew.
+                // The next attempt decodes it again.
                 Some(Place::Failed(error)) => {
                     let error = error.clone();
                     state.places.remove(&picture);
@@ -379,7 +379,7 @@ impl Shelf {
                 Some(Place::Opening(_)) => state = self.wait(state),
                 None => {
                     let next = state.next_visits();
-                    // A picture beyond the budget is held alone.
+                    // A picture larger than the budget is held without others.
                     let budget = self.budget.max(self.bytes_to_open(picture));
                     match self.begin(&mut state, picture, budget, 0, &next) {
                         Some(job) => {
@@ -498,7 +498,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_needed_soon_is_kept() {
+    fn pictures_needed_soon_are_kept() {
         let decoded = Arc::new(AtomicUsize::new(0));
         let count = Arc::clone(&decoded);
         let open = move |index: usize| {
@@ -517,7 +517,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_added_is_not_decoded_and_a_lone_viewer_may_keep_it() {
+    fn added_pictures_are_not_decoded_and_a_single_viewer_may_keep_them() {
         let store =
             PictureStore::new(cameras(2), 3 * PICTURE, 0, |index| Err(PictureError(format!("{index} is away"))));
         store.add(1, view(1));

@@ -39,7 +39,7 @@ pub trait Pictures: Debug + Send {
     ///
     /// # Errors
     ///
-    /// A picture that cannot be decoded, or is no longer what it was.
+    /// A picture that cannot be decoded, or that has changed.
     fn show(&mut self, turn: Turn, look: &mut dyn FnMut(&View)) -> Result<(), PictureError>;
 
     /// Returns whether an executor with memory of its own may keep all pictures that it is shown:

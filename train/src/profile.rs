@@ -1,7 +1,7 @@
 //! Profiles: the parameters that distinguish one kind of training from another, as data.
 //!
 //! `official` departs from the authors' code in four points, none of which changes the rendering of
-//! a checkpoint: background is blended into colour alone, not into depth and normals; the coverage
+//! a checkpoint: background is blended only into colour, not into depth and normals; the coverage
 //! that weights the normal loss is not quantised to 8 bits; one rasterisation replaces five; and
 //! the gradient of the mip chain is its true adjoint.
 
@@ -68,8 +68,8 @@ impl Rates {
         }
     }
 
-    /// Constant rates that fall to a share of themselves over so many steps instead; those of
-    /// opacity and harmonics stay.
+    /// Lets constant rates fall to a share of themselves over `steps` steps; those of opacity and
+    /// harmonics stay.
     #[must_use]
     pub fn falling(self, share: f32, steps: u32) -> Self {
         let falling = |rate: Schedule| {
@@ -117,7 +117,7 @@ pub struct LightStart {
     pub radiance_max: f32,
 }
 
-/// Light that is known before a training, and stays as it is: linear radiance of the texels of a
+/// Light that is known before a training, and stays unchanged: linear radiance of the texels of a
 /// cube map. Printed as a checksum.
 #[derive(Clone, PartialEq)]
 pub struct KnownLight(pub Arc<[f32]>);
@@ -141,17 +141,17 @@ pub struct GaussianStart {
     pub diffuse_share: f32,
 }
 
-/// Light that mirrored rays of view-dependent colours bring. Rays of physical materials always meet
-/// the scene's own surface, where there is one.
+/// Light of mirrored rays of view-dependent colours. Rays of physical materials always hit the
+/// scene's own surface, if there is one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reflections {
-    /// Light from far away alone.
+    /// Only light from far away.
     Far,
-    /// The scene's own surface as well, where rays meet it.
+    /// Also the scene's own surface, where rays hit it.
     Near,
 }
 
-/// Schedule of the near field: how often the surface that reflected rays meet is made anew.
+/// Schedule of the near field: how often the surface for reflected rays is built again.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearFieldSchedule {
     /// Share of the training after which there is one.
@@ -168,7 +168,7 @@ impl NearFieldSchedule {
     /// mirror that shows its neighbours is otherwise fitted as a window onto them.
     pub const DEFAULT: Self = Self { from: 0.1, every: 0.2, voxels: 160 };
 
-    /// Whether the near field is made anew after an iteration.
+    /// Whether the near field is built again after an iteration.
     pub fn is_due(&self, iteration: u32, iterations: u32) -> bool {
         let [from, every] = [self.from, self.every].map(|share| (share * iterations as f32).round() as u32);
         iteration >= from && iteration < iterations && (iteration - from).is_multiple_of(every.max(1))
@@ -212,25 +212,25 @@ pub struct Profile {
     pub shading: ShadingRules,
     /// Prefilter.
     pub scheme: PrefilterScheme,
-    /// Initial light; none for plain Gaussian splatting.
+    /// Initial light; `None` for plain Gaussian splatting.
     pub light: Option<LightStart>,
-    /// Light that is known and not trained; none for one that is found.
+    /// Light that is known and not trained; `None` for a trained light.
     pub known_light: Option<KnownLight>,
     /// Mean linear radiance of the light over all directions, where that is known; the light is
     /// scaled to it every few steps.
     pub light_mean: Option<[f32; 3]>,
     /// Initial attributes.
     pub start: GaussianStart,
-    /// Region in which Gaussians reflect the light; none for everywhere. Gaussians outside have
+    /// Region in which Gaussians reflect the light; `None` for everywhere. Gaussians outside have
     /// only their own colours, so that the light need not explain nearby background.
     pub foreground: Option<Ball>,
     /// Weights of the losses.
     pub weights: LossWeights,
-    /// Schedule of physical materials; none where Gaussians have view-dependent colours alone.
+    /// Schedule of physical materials; `None` if Gaussians only have view-dependent colours.
     pub physical: Option<PhysicalSchedule>,
-    /// Schedule of the near field; none where reflected rays leave for the far light unhindered.
+    /// Schedule of the near field; `None` if reflected rays always see the far light.
     pub near_field: Option<NearFieldSchedule>,
-    /// Light that mirrored rays of view-dependent colours bring.
+    /// Light of mirrored rays of view-dependent colours.
     pub reflections: Reflections,
     /// Share of the training at half resolution, where a step costs less.
     pub coarse_until: f32,
@@ -239,8 +239,8 @@ pub struct Profile {
     /// Final weight of the normal loss relative to its start; it falls linearly over the second
     /// half.
     pub normal_last: f32,
-    /// Share of the training during which normal residuals stay zero, so that geometry alone makes
-    /// the normals.
+    /// Share of the training during which normal residuals stay zero, so that only the geometry
+    /// determines the normals.
     pub normal_residuals_from: f32,
     /// Share of the training after which residual harmonics are enabled, band by band.
     pub harmonics_from: f32,
@@ -252,7 +252,7 @@ pub struct Profile {
     /// schedules; 1 for never. The gradient of a single view is noise around that of all of them:
     /// large steps cover distance, the small ones at the end average the noise out.
     pub cool_from: f32,
-    /// Learning rate of exposures; none where exposures are not learned.
+    /// Learning rate of exposures; `None` if exposures are not learned.
     pub exposure: Option<Schedule>,
     /// Densification.
     pub densification: Densification,
@@ -467,10 +467,10 @@ pub struct Ablation {
 const NETWORK_RATE: [f32; 2] = [2e-3, 2e-4];
 
 impl Profile {
-    /// The profile for objects that alpha cuts out of all pictures. Of those, `specula` weights
-    /// normals more, draws those of mirrors to be smooth, and splits Gaussians that are smaller:
-    /// surfaces seen from all around gain in normals and in sharpness, photographs would lose, or
-    /// have not been tried (docs/lab/trials.md).
+    /// Profile for objects that alpha cuts out of all pictures. For these, `specula` gives normals
+    /// more weight, smooths those of mirrors, and splits smaller Gaussians: surfaces seen from all
+    /// around gain in normals and in sharpness, photographs would lose, or have not been tried
+    /// (docs/lab/trials.md).
     pub fn for_objects(mut self) -> Self {
         if self.name == "specula" {
             self.weights.normal = 0.2;
@@ -508,7 +508,7 @@ impl Profile {
     }
 
     /// Profile of a light that is known: linear radiance of a cube map of the profile's resolution,
-    /// which stays as it is. Unchanged without a light.
+    /// which stays unchanged. Unchanged without a light.
     ///
     /// # Panics
     ///
@@ -537,7 +537,7 @@ impl Profile {
 
     /// Profile that also learns the exposures of photographs. Learning rates of the scene then fall
     /// from the start on in place of cooling, as they did when this was measured
-    /// (docs/lab/features.md). Materials are to be chosen before.
+    /// (docs/lab/features.md). Choose materials before.
     pub fn exposing(mut self, iterations: u32) -> Self {
         self.exposure = Some(exposure_rate(iterations));
         if self.cool_from < 1.0 {
@@ -548,8 +548,8 @@ impl Profile {
         self
     }
 
-    /// Profile that also fits physical materials, for relighting, whose light may be kept away by
-    /// the scene's own surface; unchanged unless light is looked up pixel by pixel.
+    /// Profile that also fits physical materials, for relighting, whose light the scene's own
+    /// surface may occlude; unchanged unless light is looked up pixel by pixel.
     pub fn relightable(mut self) -> Self {
         if self.is_lit_per_pixel() {
             self.layout = self.layout.physical();
@@ -590,20 +590,23 @@ impl Profile {
     pub fn rates_at(&self, done: f32) -> Rates {
         let held = [Schedule::constant(0.0); 2];
         let normal_residual = if done < self.normal_residuals_from { held } else { self.rates.normal_residual };
-        let warmth = self.warmth(done);
-        let cooled =
-            |schedule: Schedule| Schedule { first: warmth * schedule.first, last: warmth * schedule.last, ..schedule };
+        let lr_decay_factor = self.lr_decay_factor(done);
+        let cooled = |schedule: Schedule| Schedule {
+            first: lr_decay_factor * schedule.first,
+            last: lr_decay_factor * schedule.last,
+            ..schedule
+        };
         Rates { normal_residual, ..self.rates }.map(cooled)
     }
 
-    /// Share of the learning rates that cooling leaves at a progress in \[0, 1\].
-    fn warmth(&self, done: f32) -> f32 {
+    /// Decay factor of the learning rates at a progress in \[0, 1\].
+    fn lr_decay_factor(&self, done: f32) -> f32 {
         if done <= self.cool_from { 1.0 } else { ((1.0 - done) / (1.0 - self.cool_from)).max(0.0) }
     }
 
     /// Loss weights at a progress in \[0, 1\]. The losses of normals begin after surfaces have
     /// formed; that of the depth falls at the end, when colours locate surfaces to the pixel.
-    /// Metalness is a matter of the materials' own steps.
+    /// Metalness belongs to the steps of the materials.
     pub fn weights_at(&self, done: f32) -> LossWeights {
         let fallen = (2.0 * done - 1.0).clamp(0.0, 1.0);
         let share = if done < self.normal_from { 0.0 } else { 1.0 - fallen * (1.0 - self.normal_last) };
@@ -698,7 +701,7 @@ mod tests {
     }
 
     #[test]
-    fn objects_have_settings_of_their_own_in_the_default_profile_alone() {
+    fn only_the_default_profile_has_settings_for_objects() {
         for profile in NAMES.map(|name| by_name(name, 1000).expect("a profile")) {
             let objects = profile.clone().for_objects();
             assert_eq!(objects != profile, profile.name == "specula", "{}", profile.name);
@@ -755,7 +758,7 @@ mod tests {
     }
 
     #[test]
-    fn materials_alone_reflect_the_scene_itself_unless_view_dependent_colours_shall() {
+    fn only_materials_reflect_the_scene_unless_view_dependent_colours_shall() {
         let profile = || by_name("specula", 1000).expect("a profile");
         let relightable = profile().relightable();
         assert!(relightable.near_field.is_some() && relightable.reflections == Reflections::Far);

@@ -1,18 +1,18 @@
 //! Steps of a training that several ranks share, with the bits of a training on one.
 //!
 //! ```text
-//! rank v mod R   gradient of view v, whole, as one rank alone would compute it
+//! rank v mod R   gradient of view v, whole, as a single rank would compute it
 //! every rank     sends each other rank the numbers of the Gaussians that it owns
 //! owner          takes Adam's step for each view, in the order of the views
 //! every rank     gathers the parameters
 //! ```
 //!
-//! A rank owns a range of blocks of Gaussians, and the last rank owns the light. Adam's moments and
-//! the statistics of densification live with the owner alone; every rank holds all parameters. Each
+//! A rank owns a range of blocks of Gaussians, and the last rank owns the light. Only the owner
+//! holds Adam's moments and the statistics of densification; every rank holds all parameters. Each
 //! number is computed by one rank from the same inputs and in the same order as on one rank, so
 //! that results do not depend on how many there are. Densification, and whatever else needs all
-//! moments, runs on every rank alike after all were gathered; so do checkpoints, which therefore do
-//! not tell how many ranks wrote them.
+//! moments, runs on every rank alike after all were gathered; so do checkpoints, which are
+//! therefore the same for any number of ranks.
 
 use crate::{
     batch::{Updates, apply, gradient_of},
@@ -101,12 +101,12 @@ impl Ranks {
         self.traffic
     }
 
-    /// Returns whether any rank wishes something.
+    /// Returns whether `wish` is true on any rank.
     pub(crate) fn agree(&mut self, wish: bool) -> Result<bool, ExchangeError> {
         Ok(self.agree_unless(wish, "")? == Ok(true))
     }
 
-    /// Refuses ranks whose text is another one than that of rank 0. `what` names it in the plural.
+    /// Refuses ranks whose text differs from that of rank 0. `what` names it in the plural.
     pub(crate) fn check_alike(&mut self, what: &'static str, own: &[u8]) -> Result<(), ExchangeError> {
         let all = self.all_gather(own.to_vec())?;
         match all.iter().position(|text| *text != all[0]) {
@@ -115,7 +115,7 @@ impl Ranks {
         }
     }
 
-    /// Returns whether any rank wishes something, unless one of them has to end: then its sentence,
+    /// Returns whether `wish` is true on any rank, unless one has to stop: then its sentence, or
     /// that of the first of several.
     pub(crate) fn agree_unless(&mut self, wish: bool, sentence: &str) -> Result<Result<bool, String>, ExchangeError> {
         let mut own = vec![u8::from(wish)];
@@ -151,8 +151,8 @@ impl Ranks {
         Ok(reports)
     }
 
-    /// Computes the gradients of this rank's views, and sends the others what they own. Returns the
-    /// numbers that this rank owns, and its reports.
+    /// Computes the gradients of this rank's views, and sends the others the parts that they own.
+    /// Returns the numbers that this rank owns, and its reports.
     fn compute_own<E: Executor>(
         &mut self,
         exec: &mut E,
@@ -179,8 +179,8 @@ impl Ranks {
     }
 
     /// Takes Adam's step for each view, in their order, with the numbers that this rank owns, of
-    /// `count` Gaussians in all. Returns how many numbers were skipped. `scene` has this rank's own
-    /// Gaussians.
+    /// `count` Gaussians in total. Returns how many numbers were skipped. `scene` has this rank's
+    /// own Gaussians.
     fn apply_all<E: Executor>(
         &mut self,
         exec: &mut E,
@@ -208,11 +208,11 @@ impl Ranks {
                 return Err(TrainError::Exchange(ExchangeError::Length { rank: from, expected, found }));
             }
             let (values, rest) = part.split_at(len_of_values(own.len(), layout));
-            let (statistics, of_light) = rest.split_at(least - values.len());
+            let (statistics, light_numbers) = rest.split_at(least - values.len());
             let (grad_sum, view_count) = statistics.split_at(statistics.len() / 2);
             let grad = ViewGradient {
                 gaussians: exec.upload_gaussians(&Gaussians { count: own.len(), layout, values })?,
-                light: if is_lit { Some(exec.upload(of_light)?) } else { None },
+                light: if is_lit { Some(exec.upload(light_numbers)?) } else { None },
                 statistics: if is_observed {
                     Some(Statistics { grad_sum: exec.upload(grad_sum)?, view_count: exec.upload(view_count)? })
                 } else {
@@ -224,8 +224,8 @@ impl Ranks {
         Ok(nonfinite)
     }
 
-    /// Gathers what the owners changed, and the reports of all views. `scene` has this rank's own
-    /// Gaussians before, and all of them after.
+    /// Gathers the parameters from their owners, and the reports of all views. `scene` has this
+    /// rank's own Gaussians before, and all of them after.
     fn gather_parameters<E: Executor>(
         &mut self,
         exec: &mut E,
@@ -254,8 +254,8 @@ impl Ranks {
             let own = values_of(&self.range(whole.count, rank), whole.layout);
             let views = (0..view_count).skip(rank).step_by(size);
             let facts_len = size_of::<f64>() * (1 + REPORT_LEN * views.len());
-            let of_light = if rank + 1 == size { light_len } else { 0 };
-            let expected = facts_len + size_of::<f32>() * (own.len() + of_light);
+            let light_part = if rank + 1 == size { light_len } else { 0 };
+            let expected = facts_len + size_of::<f32>() * (own.len() + light_part);
             check_length(rank, expected, message).map_err(TrainError::Exchange)?;
             let (facts, numbers) = message.split_at(facts_len);
             let facts: Vec<f64> = bytemuck::pod_collect_to_vec(facts);
@@ -301,11 +301,11 @@ impl Ranks {
         let all = self.all_gather(bytemuck::cast_slice(&message).to_vec()).map_err(TrainError::Exchange)?;
 
         let mut whole: [Vec<f32>; 4] = Default::default();
-        let mut of_light = Vec::new();
+        let mut light_numbers = Vec::new();
         for (rank, message) in all.iter().enumerate() {
             let own = self.range(count, rank);
-            let of_owner = if rank + 1 == size { 2 * light_len } else { 0 };
-            let expected = size_of::<f32>() * (lengths(&own).sum::<usize>() + of_owner);
+            let light_part = if rank + 1 == size { 2 * light_len } else { 0 };
+            let expected = size_of::<f32>() * (lengths(&own).sum::<usize>() + light_part);
             check_length(rank, expected, message).map_err(TrainError::Exchange)?;
             let numbers: Vec<f32> = bytemuck::pod_collect_to_vec(message);
             let mut rest = &*numbers;
@@ -314,19 +314,19 @@ impl Ranks {
                 whole.extend_from_slice(part);
                 rest = others;
             }
-            of_light = rest.to_vec();
+            light_numbers = rest.to_vec();
         }
         let [mean, square, grad_sum, view_count] = whole;
         *moments = upload_moments(exec, &gaussians.with_values([mean, square]))?;
         *statistics = Statistics { grad_sum: exec.upload(&grad_sum)?, view_count: exec.upload(&view_count)? };
         if let Some((_, moments)) = light {
-            let (mean, square) = of_light.split_at(light_len);
+            let (mean, square) = light_numbers.split_at(light_len);
             *moments = AdamMoments { mean: exec.upload(mean)?, square: exec.upload(square)? };
         }
         Ok(())
     }
 
-    /// Keeps of all moments and statistics those of this rank's Gaussians.
+    /// Keeps only the moments and statistics of this rank's Gaussians.
     pub(crate) fn keep_own<E: Executor>(&self, exec: &mut E, scene: &mut SceneState<E::Array>) -> Result<(), E::Error> {
         let SceneState { gaussians, moments, statistics, .. } = scene;
         let (count, layout) = (gaussians.count, gaussians.layout);

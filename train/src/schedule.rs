@@ -1,5 +1,5 @@
-//! Order in which a training visits its views. It follows from the seed and the steps before alone,
-//! so that it is known ahead.
+//! Order in which a training visits its views. It depends only on the seed and the steps before, so
+//! that it is known ahead.
 
 use core::ops::Range;
 use specula_core::random;

@@ -54,8 +54,8 @@ pub struct Silhouette {
 }
 
 impl Silhouette {
-    /// Silhouette of a picture; none where no pixel is transparent, or all of them are, as a failed
-    /// mask leaves them.
+    /// Silhouette of a picture; `None` if no pixel is transparent, or if all are, as after a failed
+    /// mask.
     pub fn of(rgba: &[u8]) -> Option<Self> {
         let is_solid = |pixel: &[u8]| pixel[3] > 0 || is_unknown(pixel);
         let byte = |pixels: &[u8]| {
@@ -355,7 +355,7 @@ mod tests {
     use specula_core::color::UNKNOWN;
 
     #[test]
-    fn a_picture_that_shows_nothing_carves_nothing() {
+    fn an_empty_picture_carves_nothing() {
         const CLEAR: [u8; 4] = [9, 9, 9, 0];
         const SOLID: [u8; 4] = [9, 9, 9, 255];
         assert_eq!(Silhouette::of([CLEAR; 64].as_flattened()), None, "nothing is shown");

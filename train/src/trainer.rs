@@ -108,7 +108,7 @@ pub struct Trainer<E: Executor> {
     state: TrainingState<E::Array>,
     /// Near field of the state on the executor.
     near_field: Option<E::NearField>,
-    /// Ranks that share the training, if it is not alone: the moments and statistics of the state
+    /// Ranks that share the training, if there are several: the moments and statistics of the state
     /// are then those of this rank's Gaussians.
     ranks: Option<Ranks>,
 }
@@ -212,8 +212,8 @@ impl<E: Executor> Trainer<E> {
 
     /// Shares the training with other ranks, which were started or resumed alike and join at the
     /// same step. From now on all of them take the same steps and snapshots. The result is the same
-    /// to the last bit on any number of ranks with the same kind of executor. `description` stands
-    /// for what a trainer does not hold, such as a checksum of the pictures.
+    /// to the last bit on any number of ranks with the same kind of executor. `description`
+    /// identifies data that a trainer does not hold, such as a checksum of the pictures.
     ///
     /// # Errors
     ///
@@ -230,8 +230,8 @@ impl<E: Executor> Trainer<E> {
         Ok(())
     }
 
-    /// Uploads the pictures of the next step, and returns whether any rank wishes something, such
-    /// as an end of the training. All ranks ask at once.
+    /// Uploads the pictures of the next step, and returns whether `wish` is true on any rank, such
+    /// as a request to stop. All ranks call it at once.
     ///
     /// # Errors
     ///
@@ -307,7 +307,7 @@ impl<E: Executor> Trainer<E> {
         PictureKey { view, is_halved: is_coarse && !self.cameras[1].is_empty() }
     }
 
-    /// Returns whether any rank wishes something, such as an end of the training. All ranks ask at
+    /// Returns whether `wish` is true on any rank, such as a request to stop. All ranks call it at
     /// once.
     ///
     /// # Errors
@@ -317,7 +317,7 @@ impl<E: Executor> Trainer<E> {
         self.ranks.as_mut().map_or(Ok(wish), |ranks| ranks.agree(wish).map_err(TrainError::Exchange))
     }
 
-    /// Messages to other ranks so far; none where the training is alone.
+    /// Messages to other ranks so far; `None` for a training on one rank.
     pub fn traffic(&self) -> Option<Traffic> {
         self.ranks.as_ref().map(Ranks::traffic)
     }
@@ -373,8 +373,8 @@ impl<E: Executor> Trainer<E> {
             let weights = physical_weights(&self.settings.profile.weights, physical.weight, mean_light);
             let pass =
                 Pass { rules, weights, rates: physical_rates(layout, &rates), environment_rate, is_observed: false };
-            let of_materials = self.fit(&views, &pass)?;
-            self.state.nonfinite += of_materials.iter().map(|report| report.nonfinite).sum::<usize>();
+            let material_reports = self.fit(&views, &pass)?;
+            self.state.nonfinite += material_reports.iter().map(|report| report.nonfinite).sum::<usize>();
         }
         for (position, (view, report)) in views.iter().zip(&reports).enumerate() {
             self.note(report);
@@ -419,13 +419,13 @@ impl<E: Executor> Trainer<E> {
         let (exec, scene) = (&mut self.exec, &mut self.state.scene);
         match (&mut self.ranks, &*own) {
             (Some(ranks), own) => ranks.step(exec, scene, own, &updates),
-            // The gradient of a single view never goes through memory.
+            // The gradient of a single view is never stored.
             (None, [step]) => Ok(vec![train_step(exec, scene, step)?]),
             (None, steps) => Ok(batch_step(exec, scene, steps, &updates)?),
         }
     }
 
-    /// Gathers the moments and statistics of all ranks, for what needs all of them.
+    /// Gathers the moments and statistics of all ranks.
     fn gather(&mut self) -> Result<(), TrainError<E::Error>> {
         let gather = |ranks: &mut Ranks| ranks.gather(&mut self.exec, &mut self.state.scene);
         self.ranks.as_mut().map_or(Ok(()), gather)
@@ -716,8 +716,8 @@ pub struct HostScene {
     pub near_field: Option<NearField<Vec<f32>>>,
 }
 
-/// Thresholds by which Gaussians are refined and removed after an iteration; none where nothing is
-/// due. Once densification has ended, it is those alone that no picture shows any more.
+/// Thresholds by which Gaussians are refined and removed after an iteration; `None` if nothing is
+/// due. After the end of densification they only remove Gaussians that no picture shows.
 fn densify_rules(plan: &Densification, iteration: u32, iterations: u32, extent: f32) -> Option<DensifyRules> {
     if iteration > plan.from && iteration < plan.until && iteration.is_multiple_of(plan.every) {
         let was_reset = plan.reset_every > 0 && iteration > plan.reset_every;
@@ -750,7 +750,7 @@ fn silhouettes(pictures: &mut dyn Pictures, count: usize) -> Result<Vec<Option<S
 }
 
 fn start_light(profile: &Profile, seed: u64) -> Option<Environment<Vec<f32>>> {
-    /// Radiance below which a known light is not told from black.
+    /// Radiance below which a known light counts as black.
     const BLACK: f32 = 1e-6;
     let start = profile.light?;
     let number = number_of(start.activation, start.radiance);

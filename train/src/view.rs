@@ -65,7 +65,7 @@ impl View {
         }
     }
 
-    /// Mask of known pixels; none where all are known.
+    /// Mask of known pixels; `None` if all are known.
     pub fn known(&self) -> Option<Vec<bool>> {
         let known: Vec<bool> = self.rgba.chunks_exact(4).map(|pixel| !is_unknown(pixel)).collect();
         known.contains(&false).then_some(known)
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn views_say_what_is_known_of_them() {
+    fn views_report_their_unknown_pixels() {
         let torn = view(2, &[[9; 4], UNKNOWN, [0; 4], [255; 4]]);
         assert_eq!(torn.known(), Some(vec![true, false, true, true]));
         assert_eq!(view(1, &[[9; 4]]).known(), None);

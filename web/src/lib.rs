@@ -61,7 +61,7 @@ impl WebPicture {
         self.shown.view.clone()
     }
 
-    /// Point of the scene, where one was asked for and is there.
+    /// Point of the scene, if one was requested and exists.
     #[wasm_bindgen(getter)]
     pub fn point(&self) -> Option<Vec<f32>> {
         self.shown.point.map(Vec::from)

@@ -3,7 +3,7 @@
 //!
 //! Arguments: part of an adapter's name (empty for any), and how many seconds there are. A case
 //! that would take longer than is left is not begun. With `travel` as the first argument, the
-//! benchmark of a packed folder; with `step`, seconds of steps alone.
+//! benchmark of a packed folder; with `step`, only the seconds of steps.
 
 mod measure;
 mod travel;
@@ -100,7 +100,7 @@ fn print_tables(name: &str, budget: f64) -> Result<(), GpuError> {
     Ok(())
 }
 
-/// A device, and what was found out about it.
+/// A device, and its measured rates.
 struct Bench {
     gpu: Gpu,
     ceilings: Option<Ceilings>,
@@ -138,11 +138,11 @@ impl Bench {
             (*case, Storage::F16, stages_of_halves),
             (*case, Storage::F32, stages_of_step),
         ]);
-        let of_cpu = reference.step;
-        let [step_ms, cpu_ms, mebibytes] = [step * 1e3, of_cpu * 1e3, memory as f64 / MEBIBYTE];
+        let cpu_step = reference.step;
+        let [step_ms, cpu_ms, mebibytes] = [step * 1e3, cpu_step * 1e3, memory as f64 / MEBIBYTE];
         println!("| {case} | f32 | {in_full} | {step_ms:.2} | {cpu_ms:.2} | {mebibytes:.0} |");
         println!("| {case} | f16 | {halves} | | | |");
-        self.pace = self.pace.max((2.0 * in_full.seconds + step + of_cpu) / case.extent());
+        self.pace = self.pace.max((2.0 * in_full.seconds + step + cpu_step) / case.extent());
         Ok(())
     }
 

@@ -163,7 +163,7 @@ fn spread_all(context: &Context, records: &[SplatRecord], grid: [u32; 2]) -> Res
     Ok((rows, counts, spans))
 }
 
-/// A number of splats in tiles, as long as a word counts them.
+/// Number of splats in tiles, if it fits into a word.
 fn sum_so_far(total: u64) -> Result<u32, CpuError> {
     u32::try_from(total).map_err(|_| CpuError::TooManySplats)
 }
@@ -220,7 +220,7 @@ fn spread_block<S: Simd>(
     }
 }
 
-/// Footprints of a block, and half their widths; something, behind the last.
+/// Footprints of a block, and half their widths; arbitrary values behind the last.
 #[inline(always)]
 fn footprints<S: Simd>(simd: S, records: &[SplatRecord]) -> (Footprint<Lanes<S>>, Lanes<S>) {
     let mut numbers = [[0.0; BLOCK]; 7];
@@ -237,7 +237,7 @@ fn footprints<S: Simd>(simd: S, records: &[SplatRecord]) -> (Footprint<Lanes<S>>
 }
 
 /// Drawn Gaussians by depth, ties in their order: a radix sort of the depths' bits, which for
-/// positive numbers are in the order of the numbers. Bits that all depths share are left out.
+/// positive numbers are in the order of the numbers. Bits that all depths share are skipped.
 pub(crate) fn depth_order(context: &Context, records: &[SplatRecord]) -> Buffer<(u32, u32)> {
     let drawn = || records.iter().enumerate().filter(|(_, record)| record.reach > 0.0);
     let bounds = drawn().fold((0, u32::MAX, 0), |(count, low, high), (_, record)| {
@@ -272,10 +272,10 @@ pub(crate) fn depth_order(context: &Context, records: &[SplatRecord]) -> Buffer<
     keyed
 }
 
-/// Bits that a pass of the sort looks at.
+/// Bits that a pass of the sort reads.
 const DIGIT_BITS: u32 = 12;
 const DIGITS: usize = 1 << DIGIT_BITS;
-/// Passes that look at all bits.
+/// Passes over all bits.
 const PASSES_MAX: usize = u32::BITS.div_ceil(DIGIT_BITS) as usize;
 
 fn digit(key: u32, pass: u32) -> usize {

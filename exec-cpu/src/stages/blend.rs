@@ -2,8 +2,8 @@
 //! round.
 //!
 //! A tile has sixteen quads, and a quad has one pixel for each lane. For 64 splats at a time, one
-//! bit for each splat tells whether it may overlap the quad, computed for sixteen splats in a
-//! vector; the quad then stays in registers while its splats are composited.
+//! bit for each splat marks that it may overlap the quad, computed for sixteen splats in a vector;
+//! the quad then stays in registers while its splats are composited.
 
 use crate::{
     context::Context,
@@ -159,8 +159,7 @@ fn blend_quad<S: Simd, const C: usize>(
     if splats == 0 || alive.bits() == 0 {
         return 0;
     }
-    // Pixels that have ended let nothing through: a product that is never looked at would become
-    // denormal, and slow.
+    // Pixels that have ended get zero: an unused product would become denormal, and slow.
     let mut state = PixelState { transmittance: front.keep(alive), final_transmittance: Lanes::load(simd, last) };
     let mut sums = [front; C];
     for c in 0..C {
@@ -173,7 +172,7 @@ fn blend_quad<S: Simd, const C: usize>(
         splats &= splats - 1;
         let strength = batch.log2_strength(simd, k, centers);
         let Composite { weight, behind } = cutoffs.step(cutoffs.alpha(strength), state);
-        // Without a branch: whether a quad is touched is hard to foretell.
+        // Without a branch, which would be hard to predict.
         seen |= u64::from((alive & cutoffs.passes_alpha_test(strength)).bits() != 0) << k;
         alive = cutoffs.is_active(behind.transmittance);
         state = behind;

@@ -95,7 +95,7 @@ impl Waiting {
         self.nearest = if self.hits.is_empty() { hit.depth } else { self.nearest.min(hit.depth) };
         self.hits.push(hit);
     }
-    /// Releases all that nothing still to come is in front of.
+    /// Releases all splats that are not behind `depth`, the least depth still to come.
     #[inline(always)]
     fn release_before(&mut self, depth: f32) {
         if self.hits.is_empty() || self.nearest > depth {
@@ -122,7 +122,8 @@ impl Waiting {
     }
 }
 
-/// Blends the splats of a tile; for each a bit for each quad tells whether it was seen there.
+/// Blends the splats of a tile; writes to `seen`, splat by splat, a bit for each quad in which it
+/// was seen.
 pub(crate) fn blend_in_order<T: BatchedSplat>(
     level: Level,
     ordered: &Ordered<'_, T>,

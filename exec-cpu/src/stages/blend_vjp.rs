@@ -148,8 +148,8 @@ fn sum_slots<const C: usize>(context: &Context, slots: &[f32], tiles: &Tiles) ->
     sums
 }
 
-/// Sums of known size, so that they stay in registers, into every [`BLOCK`]th place; zeros for what
-/// is not there.
+/// Sums of known size, so that they stay in registers, into every [`BLOCK`]th place; zeros for
+/// missing ones.
 #[inline(always)]
 fn sum_slots_of<const C: usize>(gaussian: usize, count: usize, slots: &[f32], tiles: &Tiles, out: &mut [f32]) {
     let (mut geometry, mut channels) = ([0.0; GEOMETRY], [0.0; C]);
@@ -209,7 +209,7 @@ fn blend_tile_vjp<S: Simd, const C: usize>(
 }
 
 /// Replays one splat over the quads in which it was seen and writes its gradient. `weights` is
-/// memory to work in.
+/// scratch memory.
 #[inline(always)]
 fn splat_vjp<S: Simd, const C: usize>(
     simd: S,
@@ -223,12 +223,12 @@ fn splat_vjp<S: Simd, const C: usize>(
     out: &mut [f32],
 ) {
     let splat = splat_on_tile(simd, record, origin);
-    let of_corner = offset_of_origin(&splat);
+    let at_corner = offset_of_origin(&splat);
     let color = color_lanes(simd, color);
     let zero = Lanes::splat(simd, 0.0);
     let mut moments = OffsetMoments::zero(zero);
     for index in Bits(seen) {
-        let offset = offset_from(of_corner, splat.root, centers_of(simd, index));
+        let offset = offset_from(at_corner, splat.root, centers_of(simd, index));
         let quad = &mut replays[index];
         let along = dot_channels(simd, &color, &grad[index]);
         let replay = Replay {

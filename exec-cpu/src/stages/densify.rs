@@ -24,8 +24,8 @@ use specula_core::{
     vector::{Vec3, vec3},
 };
 
-/// Adds the length of the gradient of each projected centre, where a Gaussian is drawn and that is
-/// finite.
+/// Adds the length of the gradient of each projected centre, if the Gaussian is drawn and the
+/// length is finite.
 pub(crate) fn observe(
     context: &Context,
     statistics: &mut Statistics<Vec<f32>>,
@@ -120,7 +120,8 @@ fn decide_all(
     actions
 }
 
-/// Keeps the count at `count_max`: of all that would grow, those with the largest gradients do.
+/// Limits the count to `count_max`: of all Gaussians that would grow, only those with the largest
+/// gradients do.
 fn limit_growth(actions: &mut [Action], statistics: &Statistics<Vec<f32>>, count_max: usize) {
     let kept = actions.iter().filter(|action| **action != Action::Prune).count();
     let growth_max = count_max.saturating_sub(kept);
@@ -167,8 +168,7 @@ fn take3([x, y, z]: [f32; 3]) -> Vec3<f32> {
     vec3(x, y, z)
 }
 
-/// Limits one plane to at most `ceiling` and forgets its momentum: outside of a ball, or
-/// everywhere.
+/// Clamps one plane to at most `ceiling` and resets its momentum: outside of a ball, or everywhere.
 pub(crate) fn limit_plane(
     gaussians: &mut Gaussians<Vec<f32>>,
     moments: &mut AdamMoments<Vec<f32>>,

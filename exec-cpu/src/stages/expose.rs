@@ -1,4 +1,4 @@
-//! Pictures as photographs show them, sixteen pixels at a time.
+//! Exposure of pictures, sixteen pixels at a time.
 
 use crate::{
     context::Context,
@@ -22,7 +22,7 @@ pub(crate) fn expose(context: &Context, mut frame: Frame, exposure: &Exposure<f3
     frame
 }
 
-/// The gradient of the picture before, and that of the exposure: sums over tiles, in their order.
+/// Gradient of the picture before exposure, and of the exposure: sums over tiles, in their order.
 pub(crate) fn expose_vjp(
     context: &Context,
     frame: &Frame,
@@ -35,8 +35,8 @@ pub(crate) fn expose_vjp(
         dispatch!(context.level, simd => sums.copy_from_slice(&tile_vjp(simd, frame, slot, exposure, grad)));
     });
     let add = |sum: Exposure<f64>, part: &[[f64; 4]]| array::from_fn(|c| array::from_fn(|k| sum[c][k] + part[c][k]));
-    let of_exposure = sums.chunks_exact(RGB).fold([[0.0; 4]; 3], add);
-    (grad, of_exposure)
+    let exposure_grad = sums.chunks_exact(RGB).fold([[0.0; 4]; 3], add);
+    (grad, exposure_grad)
 }
 
 /// The same exposure for every lane.
@@ -70,7 +70,7 @@ fn expose_tile<S: Simd>(simd: S, frame: &Frame, slot: usize, exposure: &Exposure
     }
 }
 
-/// The gradient of a tile of the photograph becomes that of the picture; returns that of the
+/// Converts the gradient of a tile of the photograph to that of the picture; returns that of the
 /// exposure.
 #[inline(always)]
 fn tile_vjp<S: Simd>(
@@ -86,15 +86,16 @@ fn tile_vjp<S: Simd>(
     for quad in 0..QUADS {
         let (color, coverage) = color_and_coverage(simd, frame, slot, quad);
         let channel = |c: usize| Lanes::load(simd, &grad[at(channels, quad, c)]);
-        let (of_photograph, of_passed) = (vec3(channel(0), channel(1), channel(2)), channel(channels));
-        let (of_exposure, of_color, of_coverage) = expose::expose_vjp(&exposure, color, coverage, of_photograph);
-        for (sum, grad) in sums.as_flattened_mut().iter_mut().zip(of_exposure.as_flattened()) {
+        let (grad_photograph, grad_passed) = (vec3(channel(0), channel(1), channel(2)), channel(channels));
+        let (grad_exposure, grad_color, grad_coverage) =
+            expose::expose_vjp(&exposure, color, coverage, grad_photograph);
+        for (sum, grad) in sums.as_flattened_mut().iter_mut().zip(grad_exposure.as_flattened()) {
             *sum = *sum + *grad;
         }
-        of_color.x.store(&mut grad[at(channels, quad, 0)]);
-        of_color.y.store(&mut grad[at(channels, quad, 1)]);
-        of_color.z.store(&mut grad[at(channels, quad, 2)]);
-        (of_passed - of_coverage).store(&mut grad[at(channels, quad, channels)]);
+        grad_color.x.store(&mut grad[at(channels, quad, 0)]);
+        grad_color.y.store(&mut grad[at(channels, quad, 1)]);
+        grad_color.z.store(&mut grad[at(channels, quad, 2)]);
+        (grad_passed - grad_coverage).store(&mut grad[at(channels, quad, channels)]);
     }
     sums.map(|row| row.map(|sum| f64::from(sum.sum())))
 }

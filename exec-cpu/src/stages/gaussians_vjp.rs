@@ -63,7 +63,7 @@ pub(crate) fn gaussians_vjp(
     (grad, scene.gaussian_light().map(|_| sum_parts(texels, from.texel_count(), parts.count)))
 }
 
-/// [`gaussians_vjp`] and Adam's step, block by block: a gradient is used where it was made.
+/// [`gaussians_vjp`] and Adam's step, block by block: gradients are never stored.
 pub(crate) fn update(
     context: &Context,
     gaussians: &mut Gaussians<Vec<f32>>,
@@ -125,12 +125,12 @@ struct Backwards<'a> {
     grads: &'a SplatGrads,
     /// Gaussians.
     count: usize,
-    /// Whether anything uses the gradients of shapes: steps of materials let them rest.
+    /// Whether gradients of shapes are used; steps of materials leave shapes at rest.
     moves_shape: bool,
 }
 
 impl Backwards<'_> {
-    /// As many parts as add to the light's gradient, or more if none do.
+    /// Number of parts: [`LIGHT_PARTS`] if they add to the light's gradient, else more.
     fn part_count(&self) -> usize {
         const MANY: usize = 64;
         if self.scene.gaussian_light().is_some() { LIGHT_PARTS } else { MANY }
@@ -251,12 +251,12 @@ fn lit_vjp<S: Simd>(
     let surface = &lit.shaded.surface;
     let mut lookup = LookupGrad { specular: None, ambient: None };
     if let (Some(found), Some(light)) = (&lit.specular, scene.gaussian_light()) {
-        let of_light = each!(grad.specular_light, g => g.keep(out.is_touched));
-        lookup.specular = Some(look_up_vjp(simd, light, found, surface.roughness, of_light, light_grad));
+        let grad_light = each!(grad.specular_light, g => g.keep(out.is_touched));
+        lookup.specular = Some(look_up_vjp(simd, light, found, surface.roughness, grad_light, light_grad));
     }
     if let (Some(found), Some(light)) = (&lit.ambient, scene.light) {
-        let of_light = each!(grad.ambient_light, g => g.keep(out.is_touched));
-        let (normal, _) = look_up_vjp(simd, light, found, surface.roughness, of_light, light_grad);
+        let grad_light = each!(grad.ambient_light, g => g.keep(out.is_touched));
+        let (normal, _) = look_up_vjp(simd, light, found, surface.roughness, grad_light, light_grad);
         lookup.ambient = Some((normal, split_sum_vjp(simd, surface.n_dot_v, surface.roughness, grad.split_sum)));
     }
     scene.shading.surface_vjp(planes, camera.position, &lit.shaded, &grad, &grads.channels, &lookup, out)

@@ -16,7 +16,7 @@ use specula_core::{
         self, DirectLight, Lamp, LampOf, LitPixel, Toward, direct_light, disc_axes, lit_pixel, seen_share, shadow_ray,
         shift, spiral_point, toward,
     },
-    near_field::{FINISHED, Hit, NOTHING, NearField},
+    near_field::{Hit, NearField, T_DONE, T_MISS},
     real::{AnyLane, Real},
     rules::{Channels, channel},
     scene::BLOCK,
@@ -71,8 +71,8 @@ impl Lamps {
     }
 }
 
-/// Finds the light of lamps on the pixels of a frame; one without all layers stays as it is, as
-/// does one without lamps.
+/// Evaluates the direct light of lamps in the pixels of a frame. A frame without all layers, or of
+/// a light without lamps, is returned unchanged.
 pub(crate) fn illuminate(context: &Context, mut surface: Frame, lamps: Option<&Lamps>, camera: &Camera) -> Frame {
     let has_layers = Channels::of_count(surface.channels) == Channels::Layers;
     let Some(lamps) = lamps.filter(|_| has_layers) else { return surface };
@@ -148,13 +148,13 @@ fn reflected_light<S: Simd>(
     lit: &LitPixel<Lanes<S>>,
 ) -> DirectLight<Lanes<S>> {
     let is_covered = place.coverage.zero().less(place.coverage);
-    let nothing = place.coverage.constant(FINISHED);
+    let nothing = place.coverage.constant(T_DONE);
     let reach = Lanes::select(is_covered, occluder.reach_below(nothing), nothing);
     let hits = occluder.first_hits(lit.start, -lit.facing.normal, reach);
     let (found, triangles) = (hits.distance.to_array(), hits.triangle.to_array());
     let weights = hits.weights.map(Lanes::to_array);
     let mut irradiance = [[0.0; BLOCK]; 3];
-    for lane in (0..BLOCK).filter(|lane| found[*lane] < NOTHING) {
+    for lane in (0..BLOCK).filter(|lane| found[*lane] < T_MISS) {
         let weights = weights.map(|weights| weights[lane]);
         let hit = Hit { distance: found[lane], triangle: triangles[lane] as usize, weights };
         let found = occluder.between(&hit, reflected).to_array();
@@ -187,7 +187,7 @@ fn share_of<S: Simd>(
         if !is_shining.any() {
             continue;
         }
-        let reach = Lanes::select(is_shining, seen.reach, like.constant(FINISHED));
+        let reach = Lanes::select(is_shining, seen.reach, like.constant(T_DONE));
         let are_blocked = occluder.are_blocked(lit.start, ray.direction, reach);
         all = all + weight;
         reaching = reaching + weight.keep(!are_blocked);

@@ -20,9 +20,9 @@ pub(crate) fn evaluate_all(context: &Context, encoded: &EncodedTexels, values: &
     let weights = weights_of(values);
     let mut encodings = encoded.encodings();
     for range in encoded.nodes() {
-        let of_range;
-        (of_range, encodings) = encodings.split_at(range.len());
-        nodes[range].par_chunks_mut(PART).zip(of_range.par_chunks(PART)).for_each(|(nodes, encodings)| {
+        let range_encodings;
+        (range_encodings, encodings) = encodings.split_at(range.len());
+        nodes[range].par_chunks_mut(PART).zip(range_encodings.par_chunks(PART)).for_each(|(nodes, encodings)| {
             dispatch!(context.level, _simd => evaluate_part(&weights, encodings, nodes));
         });
     }
@@ -49,10 +49,12 @@ pub(crate) fn evaluate_all_vjp(
     let mut encodings = encoded.encodings();
     let mut tasks: Vec<(&[[f32; ENCODING]], &[Texel], &[Texel])> = Vec::new();
     for range in encoded.nodes() {
-        let of_range;
-        (of_range, encodings) = encodings.split_at(range.len());
+        let range_encodings;
+        (range_encodings, encodings) = encodings.split_at(range.len());
         let texels = nodes[range.clone()].chunks(PART).zip(grads[range].chunks(PART));
-        tasks.extend(of_range.chunks(PART).zip(texels).map(|(encodings, (nodes, grads))| (encodings, nodes, grads)));
+        tasks.extend(
+            range_encodings.chunks(PART).zip(texels).map(|(encodings, (nodes, grads))| (encodings, nodes, grads)),
+        );
     }
     let mut sums = context.take_cleared::<f32>(tasks.len() * WEIGHT_COUNT);
     sums.par_chunks_mut(WEIGHT_COUNT).zip(&tasks).for_each(|(sums, (encodings, nodes, grads))| {
@@ -84,7 +86,7 @@ fn evaluate_part_vjp(
         if grad[..CHANNELS] == [0.0; CHANNELS] {
             continue;
         }
-        let of_numbers = core::array::from_fn(|c| radiance_vjp(RadianceActivation::Network, node[c], grad[c]));
-        evaluate_vjp(weights, encoding, &evaluate(weights, encoding), of_numbers, sums);
+        let grad_numbers = core::array::from_fn(|c| radiance_vjp(RadianceActivation::Network, node[c], grad[c]));
+        evaluate_vjp(weights, encoding, &evaluate(weights, encoding), grad_numbers, sums);
     }
 }

@@ -74,7 +74,7 @@ impl<S: Simd> Corners<S> {
         Self { resolution, footprint, first, width }
     }
 
-    /// The four texels of a lane. What is not a number ends at the last texel.
+    /// The four texels of a lane. NaN gives the last texel.
     #[inline(always)]
     fn texel_indices(&self, lane: usize, count: usize) -> [usize; 4] {
         let (first, width) = (self.first[lane] as usize, self.width[lane] as usize);
@@ -158,7 +158,7 @@ fn lanes_to_colors<S: Simd>(color: Vec3<Lanes<S>>) -> [Texel; BLOCK] {
     texels
 }
 
-/// Light along a direction at a roughness, where no gradient will be asked for.
+/// Light along a direction at a roughness, without the inputs of a gradient.
 #[inline(always)]
 pub(crate) fn radiance<S: Simd>(
     simd: S,
@@ -236,12 +236,12 @@ pub(crate) fn look_up_vjp<S: Simd>(
     light_grad: &mut [Texel],
 ) -> (Vec3<Lanes<S>>, Lanes<S>) {
     let Lookup { footprints, sharp, blurred } = lookup;
-    let (of_sharp, of_blurred) = (grad * (-footprints.share + 1.0), grad * footprints.share);
-    add_to_texels(simd, &footprints.sharp, of_sharp, light_grad);
-    add_to_texels(simd, &footprints.blurred, of_blurred, light_grad);
+    let (grad_sharp, grad_blurred) = (grad * (-footprints.share + 1.0), grad * footprints.share);
+    add_to_texels(simd, &footprints.sharp, grad_sharp, light_grad);
+    add_to_texels(simd, &footprints.blurred, grad_blurred, light_grad);
     let (half, half_blurred) = (footprints.sharp.resolution * 0.5, footprints.blurred.resolution * 0.5);
-    let u = sharp.to_right.dot(of_sharp) * half + blurred.to_right.dot(of_blurred) * half_blurred;
-    let v = sharp.downwards.dot(of_sharp) * half + blurred.downwards.dot(of_blurred) * half_blurred;
+    let u = sharp.to_right.dot(grad_sharp) * half + blurred.to_right.dot(grad_blurred) * half_blurred;
+    let v = sharp.downwards.dot(grad_sharp) * half + blurred.downwards.dot(grad_blurred) * half_blurred;
     let grad_position = grad.dot(blurred.radiance - sharp.radiance);
     (project_vjp(&footprints.point, u, v), level_of_roughness_vjp(roughness, light.levels(), grad_position))
 }

@@ -1,7 +1,7 @@
 //! Adam over all planes of all Gaussians, and over a light; sums of gradients.
 //!
 //! The gradient of sixteen Gaussians and their step of Adam are computed together, so that
-//! gradients never pass through memory.
+//! gradients are never stored.
 
 use crate::{buffer::Buffer, context::Context, lanes::Lanes};
 use fearless_simd::{Simd, dispatch};
@@ -25,7 +25,7 @@ impl StepSize {
     pub(crate) fn moves_any(&self, mut planes: core::ops::RangeInclusive<usize>) -> bool {
         planes.any(|plane| self.rates[plane] >= 0.0)
     }
-    /// For the step of this number, from 1.
+    /// Step size of a step, counted from 1.
     pub(crate) fn new(context: &Context, rates: &[f32], step: u32) -> Self {
         let mut corrected = context.take::<f32>(rates.len());
         corrected.iter_mut().zip(rates).for_each(|(to, rate)| *to = corrected_rate(*rate, step));
@@ -41,7 +41,7 @@ pub(crate) fn add_all(sum: &mut [f32], terms: &[f32]) {
 }
 
 /// One step for numbers in blocks of as many planes as there are rates; counts gradients that were
-/// not finite and were left out.
+/// skipped because they were not finite.
 pub(crate) fn adam_blocks(
     context: &Context,
     values: &mut [f32],

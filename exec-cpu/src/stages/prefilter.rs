@@ -30,11 +30,11 @@ pub struct Light {
     /// Inputs of the texels: the pyramid of the base's radiance, finest first, then the filtered
     /// rows.
     nodes: Buffer<Texel>,
-    /// Texels of a network, which takes the place of the pyramid; none for a cube map.
+    /// Texels of a network, which takes the place of the pyramid; `None` for a cube map.
     encoded: Option<Arc<EncodedTexels>>,
-    /// Surface of the scene that reflected rays may meet.
+    /// Surface of the scene that reflected rays may hit.
     pub(crate) near_field: Option<Arc<NearField<Vec<f32>>>>,
-    /// Lamps beside the light from afar.
+    /// Lamps in addition to the far light.
     pub(crate) lamps: Option<Arc<Lamps>>,
 }
 
@@ -98,9 +98,9 @@ impl Light {
     }
     #[cfg(feature = "testing")]
     /// The gradient of this light from that of its texels.
-    pub fn grad(&self, of_texels: &[Texel]) -> LightGrad {
+    pub fn grad(&self, grads: &[Texel]) -> LightGrad {
         let mut texels = self.texels.clone();
-        texels.copy_from_slice(of_texels);
+        texels.copy_from_slice(grads);
         LightGrad { texels }
     }
     /// Texels of all levels.
@@ -115,11 +115,11 @@ impl Light {
     pub fn round(&mut self, storage: Storage) {
         self.texels.iter_mut().for_each(|texel| *texel = storage.texel(*texel));
     }
-    /// The same light around a near field.
+    /// Attaches a near field.
     pub(crate) fn around(self, near_field: &Arc<NearField<Vec<f32>>>) -> Self {
         Self { near_field: Some(near_field.clone()), ..self }
     }
-    /// The same light with lamps.
+    /// Attaches lamps.
     pub(crate) fn with_lamps(self, lamps: Lamps) -> Self {
         Self { lamps: Some(Arc::new(lamps)), ..self }
     }
@@ -169,7 +169,7 @@ fn activate_vjp(activation: RadianceActivation, grad: &Texel, radiance: &Texel) 
     core::array::from_fn(|c| radiance_vjp(activation, radiance[c], grad[c]))
 }
 
-/// From the radiance of the base, at the front, to the pyramid and the rows behind it.
+/// Computes the pyramid and the rows behind it from the radiance of the base, at the front.
 fn filter(level: SimdLevel, operator: &Operator, nodes: &mut [Texel]) {
     let (nodes, rows) = nodes.split_at_mut(operator.node_count());
     for ([fine, coarse], reduction) in operator.reductions() {
@@ -187,7 +187,7 @@ fn filter(level: SimdLevel, operator: &Operator, nodes: &mut [Texel]) {
     }
 }
 
-/// From the gradients of pyramid and rows to that of the base, at the front.
+/// Computes the gradient of the base, at the front, from those of pyramid and rows.
 fn filter_vjp(level: SimdLevel, operator: &Operator, nodes: &mut [Texel]) {
     let (nodes, rows) = nodes.split_at_mut(operator.node_count());
     if let Some(stored) = operator.rows() {

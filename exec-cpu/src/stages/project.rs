@@ -113,7 +113,7 @@ impl SplatBlocks<'_> {
     pub(crate) fn block_is_drawn(&self, block: usize) -> bool {
         self.drawn[block] != 0
     }
-    /// Gaussians of a block, a bit for each, that are not drawn after all.
+    /// Marks Gaussians of a block, a bit for each, as not drawn.
     pub(crate) fn leave_out(&mut self, block: usize, lanes: u16) {
         let lanes = lanes & self.drawn[block];
         if lanes != 0 {
@@ -248,7 +248,7 @@ fn store_records<S: Simd>(splat: &Splat<Lanes<S>>, reach: Lanes<S>, half: [Lanes
     }
 }
 
-/// Responses of all Gaussians; none for the order of means.
+/// Responses of all Gaussians; `None` for the order of means.
 fn project_responses(
     context: &Context,
     gaussians: &Gaussians<Vec<f32>>,

@@ -81,7 +81,8 @@ pub(crate) fn shade_all(
     Colors { channels, values }
 }
 
-/// Writes the channels of a block, and says whose attributes are finite, of those that were read.
+/// Writes the channels of a block; returns the mask of Gaussians whose attributes are finite, as
+/// far as they were read.
 #[inline(always)]
 fn shade_block<S: Simd>(
     simd: S,

@@ -63,14 +63,14 @@ struct Lighting<'a> {
 }
 
 impl Lighting<'_> {
-    /// Reflection of a quad; none where no ray was traced.
+    /// Reflection of a quad; `None` if no ray was traced.
     #[inline(always)]
     fn reflection<S: Simd>(&self, simd: S, quad: usize) -> Option<Reflection<Lanes<S>>> {
         self.reflections.map(|reflections| reflection_of_quad(simd, reflections, quad))
     }
 }
 
-/// Whether a ray of the quad meets a surface that reflects far light.
+/// Whether a ray of the quad hits a surface that reflects far light.
 #[inline(always)]
 fn has_second_lookup<S: Simd>(reflection: &Reflection<Lanes<S>>) -> bool {
     reflection.tint.sum().any_positive()
@@ -134,13 +134,13 @@ fn shade_tile<S: Simd>(
         let none = Vec3::zero(coverage);
         let own = radiance(simd, lighting.light, surface.reflection_dir, surface.roughness);
         let reflection = lighting.reflection(simd, quad);
-        let of_near = match &reflection {
+        let near_light = match &reflection {
             Some(reflection) if has_second_lookup(reflection) => {
                 radiance(simd, lighting.light, reflection.direction, reflection.roughness)
             }
             _ => none,
         };
-        let light = reflection.as_ref().map_or(own, |reflection| reflection.light(own, of_near));
+        let light = reflection.as_ref().map_or(own, |reflection| reflection.light(own, near_light));
         let layers = BlendedQuad::new(simd, tile, quad);
         let (color, specular, irradiance) = if rules.shading.form == ShadingForm::Physical {
             let facing = pixel_facing(&blended.pixel, blended.view_dir);
@@ -150,16 +150,16 @@ fn shade_tile<S: Simd>(
                 split_sum: split_sum(simd, facing.n_dot_v, surface.roughness),
             };
             let [_, specular] = reflected(&surface, &light);
-            let of_sky = light.irradiance * layers.load(channel::AMBIENT);
+            let sky_irradiance = light.irradiance * layers.load(channel::AMBIENT);
             let (color, irradiance) = match lighting.direct {
                 Some(direct) => {
                     let direct = direct_of_quad(simd, direct, quad);
                     let metalness = layers.load(channel::METALNESS);
                     let albedo = diffuse_albedo(layers.load3(channel::DIFFUSE), metalness, coverage);
                     let color = lamps::pixel_color(&surface, &light, albedo, &direct, coverage);
-                    (color, of_sky + direct.irradiance * coverage)
+                    (color, sky_irradiance + direct.irradiance * coverage)
                 }
-                None => (physical::pixel_color(&surface, &light, coverage), of_sky),
+                None => (physical::pixel_color(&surface, &light, coverage), sky_irradiance),
             };
             (color, specular * coverage, irradiance)
         } else {
@@ -170,7 +170,7 @@ fn shade_tile<S: Simd>(
             let shown = match rules.light_layer {
                 LightLayer::Reflected => light * coverage,
                 LightLayer::Indirect => {
-                    reflection.as_ref().map_or(none, |reflection| reflection.indirect(of_near)) * coverage
+                    reflection.as_ref().map_or(none, |reflection| reflection.indirect(near_light)) * coverage
                 }
                 LightLayer::Visibility => {
                     Vec3::splat(reflection.as_ref().map_or(coverage, |reflection| reflection.far * coverage))
@@ -183,8 +183,7 @@ fn shade_tile<S: Simd>(
     }
 }
 
-/// A tile that no light reaches: it does not matter where its surfaces look. Physical materials are
-/// black.
+/// Shades a tile without light, which needs no directions. Physical materials are black.
 #[inline(always)]
 fn unlit_tile<S: Simd>(simd: S, channels: usize, rules: &RenderRules, tile: &mut [Quad], shaded: &mut [Quad]) {
     for quad in 0..QUADS {
@@ -212,7 +211,7 @@ fn store<S: Simd>(v: Vec3<Lanes<S>>, quads: &mut [Quad]) {
 struct Reflected<'a, S: Simd> {
     light: &'a Light,
     own: Lookup<S>,
-    /// Surface that the rays meet, where they were traced, and the far light that it reflects.
+    /// Surface that the rays hit, if they were traced, and the far light that it reflects.
     reflection: Option<Reflection<Lanes<S>>>,
     of_near: Option<Lookup<S>>,
 }
@@ -240,7 +239,7 @@ impl<'a, S: Simd> Reflected<'a, S> {
         }
     }
     /// Gradient with respect to the direction of the reflection and to roughness; adds to the
-    /// light's. What a ray meets is taken as fixed: the light alone learns from it.
+    /// light's. Hit points are detached; only the light gets a gradient.
     #[inline(always)]
     fn vjp(
         &self,
@@ -249,15 +248,15 @@ impl<'a, S: Simd> Reflected<'a, S> {
         grad: Vec3<Lanes<S>>,
         light_grad: &mut [Texel],
     ) -> (Vec3<Lanes<S>>, Lanes<S>) {
-        let [of_own, of_second] = match &self.reflection {
+        let [grad_own, grad_second] = match &self.reflection {
             Some(reflection) => reflection.light_vjp(grad),
             None => [grad; 2],
         };
-        let of_surface = look_up_vjp(simd, self.light, &self.own, roughness, of_own, light_grad);
-        if let (Some(reflection), Some(of_near)) = (&self.reflection, &self.of_near) {
-            look_up_vjp(simd, self.light, of_near, reflection.roughness, of_second, light_grad);
+        let grad_surface = look_up_vjp(simd, self.light, &self.own, roughness, grad_own, light_grad);
+        if let (Some(reflection), Some(second)) = (&self.reflection, &self.of_near) {
+            look_up_vjp(simd, self.light, second, reflection.roughness, grad_second, light_grad);
         }
-        of_surface
+        grad_surface
     }
 }
 
@@ -292,7 +291,8 @@ impl<'a, S: Simd> Ambient<'a, S> {
     }
 }
 
-/// The gradient of a tile of the picture becomes that of the blended surface; adds to the light's.
+/// Converts the gradient of a tile of the picture to that of the blended surface; adds to the
+/// light's.
 #[inline(always)]
 fn tile_vjp<S: Simd>(
     simd: S,
@@ -320,17 +320,17 @@ fn tile_vjp<S: Simd>(
             None => none,
         };
 
-        let of_picture = BlendedQuad::new(simd, grad, quad);
-        // Physical materials that no light reaches are black, whatever they are.
+        let grad_picture = BlendedQuad::new(simd, grad, quad);
+        // Physical materials without light are black, whatever their attributes.
         let is_black = form == ShadingForm::Physical && lighting.is_none();
-        let grad_color = if is_black { none } else { of_picture.load3(channel::COLOR) };
+        let grad_color = if is_black { none } else { grad_picture.load3(channel::COLOR) };
         let ambient = match &lighting {
             Some(lighting) if form == ShadingForm::Physical => {
                 Some(Ambient::new(simd, lighting.light, pixel_facing(&pixel, view_dir)))
             }
             _ => None,
         };
-        let (mut grad_surface, grad_light, grad_coverage, of_ambient) = match &ambient {
+        let (mut grad_surface, grad_light, grad_coverage, grad_pixel_light) = match &ambient {
             Some(ambient) => {
                 let light = PixelLight {
                     specular: light,
@@ -350,17 +350,17 @@ fn tile_vjp<S: Simd>(
             (grad_surface.reflection_dir, grad_surface.roughness) =
                 reflected.vjp(simd, surface.roughness, grad_light, light_grad);
         }
-        let mut of_facing = none;
-        if let (Some(ambient), Some(of_light)) = (&ambient, &of_ambient) {
-            let facing = ambient.vjp(simd, &surface, of_light, &mut grad_surface, light_grad);
-            of_facing = pixel_facing_vjp(&pixel, view_dir, &facing);
+        let mut grad_facing = none;
+        if let (Some(ambient), Some(grad_pixel_light)) = (&ambient, &grad_pixel_light) {
+            let facing = ambient.vjp(simd, &surface, grad_pixel_light, &mut grad_surface, light_grad);
+            grad_facing = pixel_facing_vjp(&pixel, view_dir, &facing);
         }
-        let of_surface = pixel_surface_vjp(&pixel, view_dir, &surface, &grad_surface);
-        let normal = of_picture.load3(channel::NORMAL) + of_surface.normal + of_facing;
-        let tint = of_picture.load3(channel::TINT) + of_surface.tint;
-        let roughness = of_picture.load(channel::ROUGHNESS) + of_surface.roughness;
-        let transmittance = of_picture.transmittance() - (of_surface.coverage + grad_coverage);
-        store(of_surface.base, &mut grad[at(channels.count(), quad, channel::COLOR)..]);
+        let grad_pixel = pixel_surface_vjp(&pixel, view_dir, &surface, &grad_surface);
+        let normal = grad_picture.load3(channel::NORMAL) + grad_pixel.normal + grad_facing;
+        let tint = grad_picture.load3(channel::TINT) + grad_pixel.tint;
+        let roughness = grad_picture.load(channel::ROUGHNESS) + grad_pixel.roughness;
+        let transmittance = grad_picture.transmittance() - (grad_pixel.coverage + grad_coverage);
+        store(grad_pixel.base, &mut grad[at(channels.count(), quad, channel::COLOR)..]);
         for (first, vector) in [(channel::NORMAL, normal), (channel::TINT, tint)] {
             if let Some(index) = channels.index_of(first) {
                 store(vector, &mut grad[at(channels.count(), quad, index)..]);

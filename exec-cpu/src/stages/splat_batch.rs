@@ -17,8 +17,8 @@ use specula_core::{
     splat::Splat2d,
 };
 
-/// Splats that a tile takes from memory at once, before it looks again whether all its pixels have
-/// ended: a bit each.
+/// Splats that a tile reads at once, before it tests again whether all its pixels have ended: a bit
+/// each.
 pub(crate) const SPLATS_AT_ONCE: usize = u64::BITS as usize;
 
 /// One number of each splat.
@@ -83,7 +83,7 @@ pub(crate) trait SplatBatch {
 
 /// Batch of splats of the affine projection.
 pub(crate) struct AffineBatch {
-    /// From the tile's corner.
+    /// Centre, relative to the tile's corner.
     mean2d: [Numbers; 2],
     root: [Numbers; 3],
     log2_opacity: Numbers,
@@ -112,9 +112,9 @@ impl AffineBatch {
         for entry in 0..3 {
             splat.root[entry].store(&mut self.root[entry][first..]);
         }
-        let of_corner = offset_of_origin(&splat);
+        let at_corner = offset_of_origin(&splat);
         for axis in 0..2 {
-            of_corner[axis].store(&mut self.of_corner[axis][first..]);
+            at_corner[axis].store(&mut self.of_corner[axis][first..]);
         }
         splat
     }
@@ -165,7 +165,7 @@ impl SplatBatch for AffineBatch {
 pub(crate) struct PerspectiveBatch {
     affine: AffineBatch,
     slope: [Numbers; 2],
-    /// Scaled.
+    /// Scaled curvature.
     curvature: Numbers,
     /// Ray's scale at the tile's corner.
     of_corner: Numbers,

@@ -26,7 +26,7 @@ impl<'a, S: Simd> BlendedQuad<'a, S> {
     pub(crate) fn new(simd: S, tile: &'a [Quad], quad: usize) -> Self {
         Self { simd, tile, quad, channels: Channels::of_count(tile.len() / QUADS - 1) }
     }
-    /// A channel; zero if it is left out, which is what nothing needs.
+    /// Loads a channel; zero for one that is not blended, because nothing reads it.
     #[inline(always)]
     pub(crate) fn load(&self, channel: usize) -> Lanes<S> {
         match self.channels.index_of(channel) {
@@ -52,7 +52,7 @@ pub(crate) struct SurfaceQuad<S: Simd> {
 }
 
 impl<S: Simd> SurfaceQuad<S> {
-    /// A quad of a tile; none if nothing covers it.
+    /// A quad of a tile; `None` if nothing covers it.
     #[inline(always)]
     pub(crate) fn new(
         simd: S,

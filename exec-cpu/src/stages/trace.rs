@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
     near_field::{
-        FINISHED, Hits, NOTHING, NearField, NearSurface, Reflection, VERTEX_LEN, is_traced, ray_origin, surface_within,
+        Hits, NearField, NearSurface, Reflection, T_DONE, T_MISS, VERTEX_LEN, is_traced, ray_origin, surface_within,
         vertex_surface,
     },
     real::{AnyLane, Real},
@@ -23,8 +23,8 @@ use specula_core::{
 /// Numbers of a reflection.
 pub(crate) const LEN: usize = Reflection::<f32>::LEN;
 
-/// Traces the pixels of a frame; one without depths stays as it is, as does one without a near
-/// field.
+/// Traces the reflected rays of a frame's pixels. A frame without depths, or of a light without a
+/// near field, is returned unchanged.
 pub(crate) fn trace(
     context: &Context,
     mut surface: Frame,
@@ -64,8 +64,7 @@ fn trace_tile<S: Simd>(
         let depth = BlendedQuad::new(simd, tile, quad).load(channel::DEPTH);
         let start = ray_origin(camera, &pixel, depth, view_dir, depth.constant(near_field.offset));
         let (direction, roughness) = (surface.reflection_dir, surface.roughness);
-        let reach =
-            Lanes::select(is_traced(pixel.coverage, roughness), depth.constant(NOTHING), depth.constant(FINISHED));
+        let reach = Lanes::select(is_traced(pixel.coverage, roughness), depth.constant(T_MISS), depth.constant(T_DONE));
         let hits = near_field.first_hits(start, direction, reach);
         let far = Reflection::of_far(direction, roughness);
         let is_near = hits.is_hit();
@@ -79,7 +78,7 @@ fn trace_tile<S: Simd>(
     }
 }
 
-/// Surfaces that rays meet; any where they meet nothing.
+/// Surfaces that rays hit; arbitrary for rays that hit nothing.
 #[inline(always)]
 fn surfaces<S: Simd>(simd: S, near_field: &NearField<Vec<f32>>, hits: &Hits<Lanes<S>>) -> NearSurface<Lanes<S>> {
     let (triangles, all) = (hits.triangle.to_array(), near_field.vertices());

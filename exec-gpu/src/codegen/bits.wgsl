@@ -1,5 +1,5 @@
 // Declarations: tests and sort keys of numbers by their bits. Compilers may assume that every
-// number is finite, so comparisons of floats do not tell.
+// number is finite, so comparisons of floats are unreliable.
 
 const SIGN: u32 = 0x80000000u;
 const INFINITY: u32 = 0x7f800000u;

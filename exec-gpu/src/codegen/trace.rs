@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn every_digit_of_a_constant_comes_back() {
+    fn literals_of_constants_keep_every_digit() {
         for value in [0.1_f32, 1.0, 1e-30, f32::MAX, 0.282_094_8, -12_582_912.0] {
             let text = literal(value);
             assert_eq!(text.trim_end_matches('f').parse::<f32>().expect("a number"), value);

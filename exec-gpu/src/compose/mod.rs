@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_opaque_has_the_same_bytes_in_every_format_and_what_is_not_covered_stays() {
+    fn opaque_pixels_are_equal_in_every_format_and_uncovered_ones_stay() {
         let Some(context) = Context::for_tests() else { return };
         let mut exec = GpuExecutor::new(context.gpu);
         let half = WIDTH as usize / 2;
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_device_that_allows_too_little_is_refused_with_what_it_lacks() {
+    fn a_device_with_low_limits_is_refused_with_their_names() {
         if Context::for_tests().is_none() {
             return;
         }

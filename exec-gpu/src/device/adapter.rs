@@ -30,7 +30,7 @@ pub fn adapters() -> Vec<AdapterReport> {
 }
 
 pub(crate) fn all_adapters() -> Vec<Adapter> {
-    // Without compute shaders an adapter is of no use: OpenGL's are left out.
+    // Adapters without compute shaders are useless: OpenGL's are skipped.
     let backends = Backends::PRIMARY;
     let instance = Instance::new(InstanceDescriptor { backends, ..InstanceDescriptor::new_without_display_handle() });
     pollster::block_on(instance.enumerate_adapters(backends))
@@ -67,7 +67,7 @@ impl Traits {
 
 /// Index and place of the adapter of a rank, by its number among the ranks of a machine. The first
 /// adapter with `wanted` in its name, of hardware if there is any, decides the backend and whether
-/// drivers compute on the CPU; ranks go round those alike.
+/// drivers compute on the CPU; ranks cycle through the adapters of this kind.
 pub(crate) fn selected(adapters: &[Traits], wanted: &str, rank: usize) -> Option<(usize, Place)> {
     let wanted = wanted.to_lowercase();
     let named = || adapters.iter().enumerate().filter(|(_, adapter)| adapter.name.contains(&wanted));
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn ranks_go_round_the_hardware_of_a_machine() {
+    fn ranks_cycle_through_the_hardware_of_a_machine() {
         use Backend::{Dx12, Vulkan};
         let adapters = [
             adapter("llvmpipe", Vulkan, true),
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn software_drivers_take_part_where_there_is_no_hardware_alone() {
+    fn software_drivers_are_used_only_without_hardware() {
         let drivers = [adapter("llvmpipe", Backend::Vulkan, true), adapter("swiftshader", Backend::Vulkan, true)];
         assert_eq!(of_ranks(&drivers, ""), [Some(0), Some(1), Some(0)]);
         assert_eq!(of_ranks(&[], ""), [None]);

@@ -103,8 +103,8 @@ impl Context {
         read(&self.gpu, &staging, consume)
     }
 
-    /// Bytes of several ranges, one after the other, once the device has done what is recorded. At
-    /// least one of them is not empty.
+    /// Bytes of several ranges, one after the other, once the device has run the recorded commands.
+    /// At least one of them is not empty.
     ///
     /// # Errors
     ///

@@ -48,7 +48,7 @@ pub enum GpuError {
     /// A near field cannot be traced.
     #[error("the near field is damaged: {0}")]
     NearField(NearFieldError),
-    /// Lamps cannot shine.
+    /// Lamps are invalid.
     #[error(transparent)]
     Lamps(LampError),
     /// The device of another program allows too little.

@@ -2,8 +2,7 @@
 //!
 //! wgpu reports a lost device to one callback and other faults to another, and lets calls return as
 //! if nothing had happened. Both are recorded and become the error of the next call that waits or
-//! submits. A lost device stays lost: it may hold half of a step, so nothing is read from it any
-//! more.
+//! submits. A lost device stays lost: it may hold half of a step, so nothing is read from it again.
 
 use crate::device::{
     adapter::{Place, Traits, all_adapters, selected},
@@ -70,8 +69,8 @@ impl Gpu {
 
     /// Opens the adapter of a rank, by its number among the ranks of this machine: the first rank
     /// has that of [`Gpu::new`], the second one the next, and so on; with more ranks than adapters
-    /// they start over. Software drivers are used where there is no hardware alone, and no adapter
-    /// is counted twice because two backends show it. Returns its place among them as well.
+    /// they start again. Software drivers are used only without hardware, and no adapter is counted
+    /// twice because two backends show it. Returns its place among them as well.
     ///
     /// # Errors
     ///
@@ -124,10 +123,10 @@ impl Gpu {
         let (device, queue) =
             opened.map_err(|error| GpuError::NoDevice { adapter: info.name.clone(), reason: error.to_string() })?;
         let fault = Arc::new(Mutex::new(None));
-        let of_errors = fault.clone();
-        device.on_uncaptured_error(Arc::new(move |error| keep_first(&of_errors, fault_of(&error))));
-        let of_loss = fault.clone();
-        device.set_device_lost_callback(move |how, reason| keep_loss(&of_loss, how, reason));
+        let fault_on_error = fault.clone();
+        device.on_uncaptured_error(Arc::new(move |error| keep_first(&fault_on_error, fault_of(&error))));
+        let fault_on_loss = fault.clone();
+        device.set_device_lost_callback(move |how, reason| keep_loss(&fault_on_loss, how, reason));
         Ok(Self::with_fault(device, queue, info, limits, fault))
     }
 
@@ -187,8 +186,8 @@ impl Gpu {
     }
 
     /// Returns the error that was reported since the last call, if any. The loss of a device is
-    /// permanent. A device that is lost may refuse calls before it tells of its loss, so a refusal
-    /// waits for that.
+    /// permanent. A lost device may refuse calls before it reports its loss, so a refusal waits for
+    /// that report.
     pub(crate) fn check(&self) -> Result<(), GpuError> {
         let refused = match self.noted() {
             Err(refused @ GpuError::Refused { .. }) => refused,

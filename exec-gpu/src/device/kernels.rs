@@ -164,7 +164,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Submits what is recorded if a kernel with these bindings does not fit behind it.
+    /// Submits the recorded commands if a kernel with these bindings does not fit behind them.
     fn make_room(&mut self, gpu: &Gpu, bindings: &[Binding<'_>]) -> Result<(), GpuError> {
         let uniforms = bindings.iter().filter_map(|binding| match binding {
             Binding::Uniform(bytes) => Some(bytes.len()),

@@ -245,7 +245,7 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn memory_that_runs_out_is_no_panic() {
+    fn running_out_of_memory_does_not_panic() {
         if let Err(error) = Gpu::new("") {
             assert!(std::env::var_os("CI").is_none(), "CI needs an adapter: {error}");
             eprintln!("NOT TESTED, because {error}");

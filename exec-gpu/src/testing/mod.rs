@@ -200,8 +200,8 @@ impl<P> GpuExecutor<P> {
         Ok(values)
     }
 
-    /// Sets the capacity of training steps, in tile-splat pairs, until a report tells what they
-    /// need. Results do not depend on it.
+    /// Sets the capacity of training steps, in tile-splat pairs, until a report shows their need.
+    /// Results do not depend on it.
     pub fn set_pair_capacity(&mut self, pairs: usize) {
         let depth_bits = self.capacity.map_or(1, |capacity| capacity.depth_bits);
         self.capacity = Some(Capacity { pairs, depth_bits });

@@ -10,7 +10,7 @@
 //! Λ(v) + Λ(l)) (Heitz 2014, eqs. 72 and 99), F that of Schlick 1994, F₀ + (1 − F₀) (1 − v·h)⁵.
 //! Light that is reflected more than once between facets is lost, as in any such model. The paper's
 //! L_s keeps of all this one lobe around the mirrored direction, that of D seen from the normal,
-//! and scales it by a tint that stands for F and G.
+//! and scales it by a tint in place of F and G.
 
 use super::sphere::{Direction, Weights, add, cross, dot, integrate, length, normalised, sub};
 use core::f64::consts::PI;
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_seen_of_facets_is_the_whole_surface() {
+    fn visible_facets_cover_the_whole_surface() {
         for (roughness, n_dot_v) in ROUGHNESS.into_iter().flat_map(|r| [1.0, 0.7, 0.2].map(|c| (r, c))) {
             let facets = Facets { normal: NORMAL, to_eye: at(n_dot_v), alpha: roughness * roughness, opening: OPENING };
             let sums = integrate(|_| [1.0], &WeakFurnace(facets), 1);
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn no_more_light_comes_back_than_there_is_and_all_of_it_where_nothing_is_rough() {
+    fn the_albedo_is_at_most_one_and_is_one_without_roughness() {
         for n_dot_v in [1.0, 0.7, 0.2] {
             let albedos = ROUGHNESS.map(|roughness| albedo(roughness, n_dot_v));
             assert!(albedos.iter().all(|albedo| *albedo < 1.0 + QUADRATURE), "{albedos:?}");
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn eye_and_light_change_places() {
+    fn the_brdf_is_reciprocal() {
         let dir = |n: f64, turn: f64| {
             let (sine, (a, b)) = ((1.0 - n * n).sqrt(), turn.sin_cos());
             let third = cross(NORMAL, ACROSS);

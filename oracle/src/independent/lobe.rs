@@ -16,9 +16,9 @@ const OPENING: f64 = 0.5;
 /// of perceptual roughness ρ sees it from its normal (paper, eq. L_s, for n = ω_o = r, normalised;
 /// D of Walter et al. 2007, eq. 33).
 ///
-/// `radiance` is asked for unit vectors. It may have kinks where a cube map of this resolution has
-/// them, between its texels' centres; elsewhere it should be smooth. Roughness is in \[0, 1\]; at 0
-/// the light comes back as it is.
+/// `radiance` is called with unit vectors. It may have kinks where a cube map of this resolution
+/// has them, between its texels' centres; elsewhere it should be smooth. Roughness is in \[0, 1\];
+/// at 0 the light comes back as it is.
 pub fn filtered<const N: usize>(
     radiance: impl Fn([f64; 3]) -> [f64; N],
     reflection_dir: [f64; 3],
@@ -65,7 +65,7 @@ impl Weights<1> for Lobe {
 }
 
 /// A cube map, bilinear between the centres of its texels, also across edges; faces are +X −X +Y −Y
-/// +Z −Z, rows down, as in OpenGL. Beside a corner, where three texels meet, their mean stands for
+/// +Z −Z, rows down, as in OpenGL. Beside a corner, where three texels meet, their mean replaces
 /// the fourth.
 #[derive(Clone, Debug)]
 pub struct CubeMap<const N: usize> {
@@ -76,7 +76,7 @@ pub struct CubeMap<const N: usize> {
 }
 
 impl<const N: usize> CubeMap<N> {
-    /// Each texel is the mean of what is seen through it, over `samples`² points, by their solid
+    /// Each texel is the mean of the light through it, over `samples`² points, by their solid
     /// angles.
     pub fn new(resolution: usize, samples: usize, radiance: impl Fn([f64; 3]) -> [f64; N]) -> Self {
         let along = |index: usize, sample: usize| {

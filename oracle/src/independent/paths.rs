@@ -98,7 +98,7 @@ struct Hit {
 /// Pixel of a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Traced {
-    /// Mean radiance of its paths that meet a solid, linear.
+    /// Mean radiance of its paths that hit a solid, linear.
     pub radiance: [f64; 3],
     /// Share of its paths that do.
     pub coverage: f64,
@@ -117,8 +117,8 @@ impl<'a> World<'a> {
     }
 
     /// Picture of a view, of paths that are reflected at most `bounces` times after the first
-    /// surface: with none of them the sky and the suns alone light a surface. `samples` paths along
-    /// each edge of a pixel start from places of their own.
+    /// surface: without any, only the sky and the suns light a surface. `samples` paths along each
+    /// edge of a pixel start from places of their own.
     pub fn picture(&self, view: &View, bounces: u32, samples: usize, seed: u64) -> Vec<Traced> {
         (0..view.pixel_count()).into_par_iter().map(|pixel| self.pixel(view, pixel, bounces, samples, seed)).collect()
     }

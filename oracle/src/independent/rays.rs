@@ -17,8 +17,7 @@ use specula_core::{camera::Camera, scene::Image};
 
 /// Largest alpha, as the model's 32 bits hold it.
 const ALPHA_MAX: f64 = 0.99_f32 as f64;
-/// Smaller alphas are left out before what is left is sorted: all of a million of them together are
-/// a millionth.
+/// Smaller alphas are skipped before sorting: a million of them together are a millionth.
 const ALPHA_MIN: f64 = 1e-12;
 
 /// Least compensation of a low-pass, squared, as the model's 32 bits hold it.
@@ -104,7 +103,7 @@ pub enum Order {
     /// The distance of the mean from the eye, the same in all pixels and however the camera is
     /// turned; else as above.
     Distance,
-    /// The depth of the largest response along the ray of each pixel. A Gaussian is left out of the
+    /// The depth of the largest response along the ray of each pixel. A Gaussian is skipped in the
     /// pixels where that is behind the eye, or not deeper than the near plane.
     Response,
 }
@@ -145,7 +144,7 @@ struct Root {
     below: [f64; 3],
 }
 
-/// A Gaussian that a ray meets.
+/// Gaussian that a ray hits.
 struct Hit {
     index: usize,
     /// Nearest first.

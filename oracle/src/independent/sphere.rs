@@ -1,5 +1,4 @@
-//! Integrals over all directions, on the faces of a cube, in cells that are as small as what is
-//! integrated wants.
+//! Integrals over all directions, on the faces of a cube, in cells as small as the integrand needs.
 //!
 //! Numbers are kept in arrays of any length, so that several lights and several weights are
 //! integrated at once.

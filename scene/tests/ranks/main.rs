@@ -16,7 +16,7 @@ use specula_scene::{
     training::{Checkpoints, Note, Observer, Start, Training, describe},
 };
 use specula_train::{
-    exchange::{Exchange, ExchangeError, PATIENCE, ThreadExchange, threads},
+    exchange::{Exchange, ExchangeError, RANK_TIMEOUT, ThreadExchange, threads},
     pictures::PictureSource,
     profile::{NearFieldSchedule, by_name, exposure_rate},
     ranks::StepSizes,
@@ -196,7 +196,7 @@ fn files_of(folder: &Path) -> Files {
 
 fn train(count: usize, settings: &Settings) -> Files {
     let folder = tempfile::tempdir().expect("a writable folder");
-    for outcome in run_all(count, PATIENCE, settings, folder.path(), |_| Around::default(), false) {
+    for outcome in run_all(count, RANK_TIMEOUT, settings, folder.path(), |_| Around::default(), false) {
         outcome.expect("every rank trains");
     }
     files_of(folder.path())
@@ -206,7 +206,7 @@ fn train(count: usize, settings: &Settings) -> Files {
 fn resume(count: usize, settings: &Settings, from: &Path) -> Files {
     let folder = tempfile::tempdir().expect("a writable folder");
     fs::copy(checkpoint::path_in(from), checkpoint::path_in(folder.path())).expect("there is a checkpoint");
-    for outcome in run_all(count, PATIENCE, settings, folder.path(), |_| Around::default(), true) {
+    for outcome in run_all(count, RANK_TIMEOUT, settings, folder.path(), |_| Around::default(), true) {
         outcome.expect("every rank trains");
     }
     files_of(folder.path())
@@ -246,7 +246,7 @@ fn an_interrupted_training_continues_on_another_number_of_ranks() {
         let folder = tempfile::tempdir().expect("a writable folder");
         // The last rank wishes to end, and all do.
         let around = |rank| Around { ends_before: (rank + 1 == first).then_some(12), ..Around::default() };
-        for outcome in run_all(first, PATIENCE, &settings, folder.path(), around, false) {
+        for outcome in run_all(first, RANK_TIMEOUT, &settings, folder.path(), around, false) {
             outcome.expect("they end orderly");
         }
         let saved = checkpoint::read(folder.path()).expect("the end has a checkpoint");
@@ -267,7 +267,7 @@ fn a_rank_that_fails_ends_all_others_with_a_sentence_and_the_last_checkpoint_con
         let folder = tempfile::tempdir().expect("a writable folder");
         let around = |rank| Around { fails_before: (rank == victim).then_some(step), ..Around::default() };
         let start = Instant::now();
-        let outcomes = run_all(3, PATIENCE, &settings, folder.path(), around, false);
+        let outcomes = run_all(3, RANK_TIMEOUT, &settings, folder.path(), around, false);
         assert!(start.elapsed() < PROMPT, "they took {:?} to end", start.elapsed());
         for (rank, outcome) in outcomes.into_iter().enumerate() {
             let sentence = outcome.expect_err("no rank trains on").to_string();
@@ -304,7 +304,7 @@ fn ranks_send_as_much_as_is_predicted() {
         let light = settings.profile.light.map_or(0, |light| 6 * light.resolution * light.resolution * 3);
         let layout = settings.profile.layout;
         let sizes = StepSizes { gaussians: GAUSSIANS, layout, light, views: batch as usize, ranks: count };
-        let steps = threads(count, PATIENCE).into_iter().enumerate().map(|(rank, exchange)| {
+        let steps = threads(count, RANK_TIMEOUT).into_iter().enumerate().map(|(rank, exchange)| {
             let settings = settings.clone();
             thread::spawn(move || {
                 let mut trainer = Trainer::new(CpuExecutor::new(), settings, &views(), &points()).expect("it starts");
@@ -324,7 +324,7 @@ fn ranks_send_as_much_as_is_predicted() {
 
 #[test]
 fn ranks_with_other_settings_are_refused() {
-    let ranks = threads(2, PATIENCE).into_iter().enumerate().map(|(rank, exchange)| {
+    let ranks = threads(2, RANK_TIMEOUT).into_iter().enumerate().map(|(rank, exchange)| {
         let settings = Settings { seed: rank as u64, ..settings("3dgs", 2) };
         thread::spawn(move || {
             let folder = tempfile::tempdir().expect("a writable folder");
@@ -344,7 +344,7 @@ fn a_full_disk_ends_no_rank() {
     let folder = tempfile::tempdir().expect("a writable folder");
     let file = folder.path().join("file");
     fs::write(&file, "mine").expect("a writable folder");
-    let outcomes = run_all(2, PATIENCE, &settings, &file, |_| Around::default(), false);
+    let outcomes = run_all(2, RANK_TIMEOUT, &settings, &file, |_| Around::default(), false);
     assert!(outcomes[1].is_ok(), "rank 1 trains to the end: {:?}", outcomes[1]);
     let error = outcomes[0].as_ref().expect_err("the model cannot be saved either");
     assert!(matches!(error, SceneError::File(_)), "{error}");

@@ -16,7 +16,7 @@ use specula_scene::{
     training::describe,
 };
 use specula_train::{
-    exchange::{Exchange, ExchangeError, PATIENCE, ThreadExchange, threads},
+    exchange::{Exchange, ExchangeError, RANK_TIMEOUT, ThreadExchange, threads},
     picture_store::Held,
     profile::by_name,
     start::random_points,
@@ -116,7 +116,7 @@ fn run_all(
     is_resumed: bool,
     meddle: impl Fn() + Clone + Send + 'static,
 ) -> Vec<Result<Held, SceneError>> {
-    let ranks = threads(count, PATIENCE).into_iter().map(|exchange| {
+    let ranks = threads(count, RANK_TIMEOUT).into_iter().map(|exchange| {
         let (data, model, meddle) = (data.to_owned(), model.to_owned(), meddle.clone());
         thread::spawn(move || run_rank(exchange, &data, budget, &model, is_resumed, meddle))
     });
@@ -130,7 +130,7 @@ fn eager(data: &Path) -> Files {
     let points = random_points(150, &views, 3);
     let facts = describe(&settings(), String::new(), &views);
     let origin = Origin { pictures: &views, points: &points, facts };
-    let alone = threads(1, PATIENCE).remove(0);
+    let alone = threads(1, RANK_TIMEOUT).remove(0);
     run_rank_from(&origin, alone, &settings(), model.path(), Around::default(), false).expect("it trains");
     files_of(model.path())
 }
@@ -171,7 +171,7 @@ fn ranks_of_one_program_share_the_pictures() {
         let store = capture.take_store();
         let model = tempfile::tempdir().expect("a writable folder");
         thread::scope(|scope| {
-            for exchange in threads(3, PATIENCE) {
+            for exchange in threads(3, RANK_TIMEOUT) {
                 let (store, points, facts, model) = (&store, &points, facts.clone(), model.path());
                 scope.spawn(move || {
                     let origin = Origin { pictures: store, points, facts };
@@ -237,7 +237,7 @@ fn read_all(folders: &[&Path]) -> Vec<Result<Capture, SceneError>> {
             let folder = folder.to_owned();
             scope.spawn(move || read(&folder, 0, Some(&mut exchange)))
         };
-        let ranks: Vec<_> = folders.iter().copied().zip(threads(folders.len(), PATIENCE)).map(read).collect();
+        let ranks: Vec<_> = folders.iter().copied().zip(threads(folders.len(), RANK_TIMEOUT)).map(read).collect();
         ranks.into_iter().map(|rank| rank.join().expect("no rank panics")).collect()
     })
 }

@@ -138,14 +138,14 @@ impl<A> Scene<A> {
             values
         };
         let SceneState { gaussians, moments, statistics, light } = &self.state;
-        let of_gaussians = download(&moments.mean, self.lens[0]);
-        let of_light = light.as_ref().map_or_else(Vec::new, |(_, moments)| download(&moments.mean, self.lens[1]));
+        let gaussian_moments = download(&moments.mean, self.lens[0]);
+        let light_moments = light.as_ref().map_or_else(Vec::new, |(_, moments)| download(&moments.mean, self.lens[1]));
         let lengths = download(&statistics.grad_sum, self.lens[2]);
         let Gaussians { count, layout, .. } = *gaussians;
-        // Without what fills up the last block.
-        let of_gaussians = Gaussians { count, layout, values: of_gaussians };
-        let planes = (0..layout.plane_count()).flat_map(|plane| of_gaussians.plane(plane).collect::<Vec<f32>>());
-        wide(&planes.chain(of_light).chain(lengths).collect::<Vec<f32>>())
+        // Without the padding of the last block.
+        let gaussian_moments = Gaussians { count, layout, values: gaussian_moments };
+        let planes = (0..layout.plane_count()).flat_map(|plane| gaussian_moments.plane(plane).collect::<Vec<f32>>());
+        wide(&planes.chain(light_moments).chain(lengths).collect::<Vec<f32>>())
     }
 }
 

@@ -213,12 +213,12 @@ fn brightness_at_other_sizes(layout: Layout) -> [f64; 2] {
     }
     let cloud = trainer.download().expect("the CPU gives back").gaussians;
     let brightness = |size: u32| {
-        let of_view = |number: usize| {
+        let view_brightness = |number: usize| {
             let image = picture(&cloud, &dust(number).camera.resized(size, size));
             let colors = (0..3).flat_map(|c| image.plane(c));
             colors.map(|x| f64::from(*x)).sum::<f64>() / f64::from(size * size)
         };
-        (VIEWS..VIEWS + 4).map(of_view).sum::<f64>()
+        (VIEWS..VIEWS + 4).map(view_brightness).sum::<f64>()
     };
     let own = brightness(SIZE);
     [brightness(SIZE / 4) / own, brightness(4 * SIZE) / own]

@@ -1,6 +1,6 @@
 //! Values of a Gaussian's channels and losses, and of a light's radiance, from arithmetic that
 //! shares no formula with core. Both executors and the plain pipeline compose them in one place,
-//! `specula_core::attributes`: comparisons between those three hold none of its terms.
+//! `specula_core::attributes`: comparisons between those three check none of its terms.
 
 use glam::{DVec3, Vec3};
 use specula_core::{
@@ -55,7 +55,7 @@ fn shading(layout: Layout, form: ShadingForm, channels: Channels) -> GaussianSha
 /// Channels of each Gaussian of a cloud, as core composes them.
 fn channels_of(shading: &GaussianShading, cloud: &Gaussians<Vec<f32>>) -> Vec<Vec<f64>> {
     let (cloud, camera) = (lift_gaussians::<Double>(cloud), camera().lift(Double(0.0)));
-    let of_one = |index: usize| {
+    let channels_of_one = |index: usize| {
         let planes = StoredGaussian { gaussians: &cloud, index };
         let LayerChannels(channels) = if shading.reads_surface() {
             let shaded = shading.shaded(&planes, camera.position);
@@ -65,7 +65,7 @@ fn channels_of(shading: &GaussianShading, cloud: &Gaussians<Vec<f32>>) -> Vec<Ve
         };
         channels.iter().map(|x| x.0).collect()
     };
-    (0..cloud.count).map(of_one).collect()
+    (0..cloud.count).map(channels_of_one).collect()
 }
 
 /// Unit vector to the eye, and depth along the optical axis.
@@ -204,7 +204,7 @@ fn weights(sparse: f32, residual: f32, metalness: f32) -> LossWeights {
 /// weight. Under a light of 0.5, g is smoothstep of the specular share from 0.12 to 0.3, times that
 /// of the reflectance from 0.1 to 0.3.
 fn loss_on_attributes(cloud: &Gaussians<Vec<f32>>, weights: &LossWeights) -> f64 {
-    let of_one = |index: usize| {
+    let loss_of_one = |index: usize| {
         let active = |plane: usize| 1.0 / (1.0 + (-f64::from(cloud.get::<1>(index, plane)[0])).exp());
         let opacity = active(OPACITY);
         let sparse = opacity.ln() + (1.0 - opacity).ln();
@@ -224,7 +224,7 @@ fn loss_on_attributes(cloud: &Gaussians<Vec<f32>>, weights: &LossWeights) -> f64
             + f64::from(weights.residual) * squares
             + f64::from(weights.metalness) * apart * apart
     };
-    (0..cloud.count).map(of_one).sum::<f64>() / cloud.count as f64
+    (0..cloud.count).map(loss_of_one).sum::<f64>() / cloud.count as f64
 }
 
 #[test]
@@ -240,8 +240,8 @@ fn losses_on_attributes_are_the_means_of_their_equations() {
 
             let losses = AttributeLosses::new(&weights, layout);
             let factors = AttributeLosses::factors(&weights, count);
-            let of_one = |index: usize| losses.loss(&StoredGaussian { gaussians: &cloud, index }, factors);
-            let rounded: f32 = (0..count).map(of_one).sum();
+            let loss_of_one = |index: usize| losses.loss(&StoredGaussian { gaussians: &cloud, index }, factors);
+            let rounded: f32 = (0..count).map(loss_of_one).sum();
             assert_close(f64::from(rounded), expected, 10.0 * ROUNDING_F32);
         }
     }

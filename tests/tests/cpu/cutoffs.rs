@@ -119,7 +119,7 @@ fn ordinary_pictures_in_f32_are_those_in_f64() {
 }
 
 #[test]
-fn what_is_cut_off_sooner_is_missed_more() {
+fn earlier_cutoffs_have_larger_errors() {
     let exact = exact(&cloud(), &Cutoffs::REFERENCE);
     let psnr_of = |cutoffs: Cutoffs| psnr(&wide(&picture(&mut CpuViewer::with_cutoffs(cutoffs), &cloud())), &exact);
     let falls = |cutoffs: [Cutoffs; 3]| {
@@ -157,7 +157,7 @@ fn the_default_formulas_are_those_within_the_default_cutoffs() {
 }
 
 #[test]
-fn limits_of_nothing_are_the_least_that_there_are() {
+fn thresholds_of_zero_become_the_least_threshold() {
     let nothing = Cutoffs::DEFAULT.with_alpha_min(0.0).with_transmittance_min(0.0);
     assert_eq!((nothing.alpha_min(), nothing.transmittance_min()), (1e-12, 1e-12));
     assert!(

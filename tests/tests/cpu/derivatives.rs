@@ -1,4 +1,4 @@
-//! Every `_vjp` of core is the derivative of its function: held against dual numbers in `f64`.
+//! Every `_vjp` of core is the derivative of its function: checked against dual numbers in `f64`.
 //!
 //! Dual numbers are exact on either side of a jump, so input is not kept away from limits, cuts and
 //! changes of sides; only on a jump itself there is no derivative, and random input does not hit
@@ -417,14 +417,14 @@ proptest! {
     /// From behind, too, where n·v is kept at its least.
     #[test]
     fn orientations_of_pixels_are_derived_right(normal in unit_vector(), size in 0.1..1.0_f64, view_dir in unit_vector()) {
-        let of_normal = |x: &[Dual]| {
+        let facing_of = |x: &[Dual]| {
             let none = [Dual::of(0.5); 11];
             let facing = physical::pixel_facing(&Pixel { normal: take3(x), ..blended(&none) }, vector(view_dir));
             join(&[&facing.normal.to_array(), &[facing.n_dot_v]])
         };
         assert_vjp(
             &normal.map(|x| x * size),
-            of_normal,
+            facing_of,
             |x, g| {
                 let pixel = Pixel { normal: take3(x), ..blended(&[Double(0.5); 11]) };
                 let grad = PixelFacing { normal: take3(g), n_dot_v: g[3] };
@@ -652,17 +652,17 @@ proptest! {
     }
 
     #[test]
-    fn what_is_limited_is_derived_right(numbers in vec(-2.0..2.0_f64, 3), of_limit in -2.0..2.0_f64) {
-        prop_assume!((of_limit.abs() - 1.0).abs() > 1e-3);
+    fn limited_values_are_derived_right(numbers in vec(-2.0..2.0_f64, 3), share_of_limit in -2.0..2.0_f64) {
+        prop_assume!((share_of_limit.abs() - 1.0).abs() > 1e-3);
         let mut colors = numbers;
-        colors[0] = of_limit * f64::from(color::COLOR_MAX);
+        colors[0] = share_of_limit * f64::from(color::COLOR_MAX);
         assert_vjp(
             &colors,
             |x| color::limited(take3(x)).to_array().to_vec(),
             |x, g| color::limited_vjp(take3(x), take3(g)).to_array().to_vec(),
             SAME_DERIVATIVE,
         );
-        // Half of the square of a residual, whose gradient stops to grow at the limit.
+        // Half of the square of a residual, whose gradient is constant beyond the limit.
         assert_vjp(
             &[colors[1]],
             |x| vec![x[0] * x[0] * 0.5],
@@ -765,7 +765,7 @@ proptest! {
         );
     }
 
-    /// The authors' form holds the geometric normal fixed: of its depths there is no gradient.
+    /// The authors' form holds the geometric normal fixed: its depths have no gradient.
     #[test]
     fn normal_losses_of_pixels_are_derived_right(
         rendered in any_vector(),
@@ -995,7 +995,7 @@ fn the_network_is_derived_right() {
     assert_eq!(far.numbers(), [NUMBER_MAX, -NUMBER_MAX, 1.0]);
 }
 
-/// A `_vjp` that nobody holds against anything is found here. Methods are called on a value.
+/// Finds a `_vjp` that no test checks. Methods are called on a value.
 #[test]
 fn every_vjp_of_core_is_held_against_dual_numbers() {
     let here = include_str!("derivatives.rs");

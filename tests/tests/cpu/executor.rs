@@ -242,10 +242,10 @@ fn gradients_agree(shading: ShadingRules, layout: Layout, near_field: Option<&Ne
     let target = exec.target(40, 33, &rgba).expect("the bytes fit");
     let view = Comparison { camera: &camera, target: &target, rules: &rules, weights: &weights };
     let (splats, grads, light_grad) = back_to_splats(&mut exec, &cloud, &light, &view);
-    let (grad, of_gaussians) = exec
+    let (grad, gaussian_light_grad) = exec
         .gaussians_vjp(&cloud, &camera, &splats, Some(&light), &rules, &weights, &grads)
         .expect("the CPU goes back");
-    let light_grad = light_grad.or(of_gaussians).expect("there is a light");
+    let light_grad = light_grad.or(gaussian_light_grad).expect("there is a light");
     let environment_grad = exec.prefilter_vjp(&environment, &light, &light_grad).expect("the CPU goes back");
 
     let over = |c: usize| {
@@ -265,8 +265,8 @@ fn gradients_agree(shading: ShadingRules, layout: Layout, near_field: Option<&Ne
     let tolerance = if shading == ShadingRules::PHYSICAL { SAME_PHYSICAL_GRADIENT } else { SAME_GRADIENT };
     let (_, exact, _) = plain::loss_and_gradient(&lifted.1, Some((&lifted.0, &operator)), &view);
 
-    let of_filters = layout.filter_plane().into_iter().flat_map(|plane| grad.plane(plane));
-    assert!(of_filters.into_iter().all(|grad| grad == 0.0), "filters have no gradient");
+    let filter_grads = layout.filter_plane().into_iter().flat_map(|plane| grad.plane(plane));
+    assert!(filter_grads.into_iter().all(|grad| grad == 0.0), "filters have no gradient");
     for (name, planes) in GROUPS {
         let ours: Vec<f64> = planes.clone().flat_map(|plane| wide(&grad.plane(plane).collect::<Vec<_>>())).collect();
         let theirs: Vec<f64> = planes
@@ -443,7 +443,7 @@ fn antialiased(name: &str) -> Settings {
     settings
 }
 
-/// Settings of a short training of smooth Gaussians, whose reflected rays meet the scene itself
+/// Settings of a short training of smooth Gaussians, whose reflected rays hit the scene itself
 /// from step 18 on.
 fn reflecting() -> Settings {
     let mut settings = settings("specula");
@@ -497,7 +497,7 @@ fn invisible_in(cloud: &Gaussians<Vec<f32>>) -> usize {
 }
 
 #[test]
-fn what_no_picture_shows_is_removed_without_a_trace() {
+fn removing_invisible_gaussians_changes_no_picture() {
     let mut cloud = random_cloud(300, Layout::shaded(Some(1)), 7);
     for index in (0..cloud.count).step_by(3) {
         cloud.set(index, OPACITY, [logit(if index % 2 == 0 { 0.999 * ALPHA_MIN } else { 1e-6 })]);
@@ -605,7 +605,7 @@ fn a_training_is_the_same_to_the_last_bit_on_any_number_of_threads_and_twice() {
 const NO_STEP: f32 = 1e-12;
 
 #[test]
-fn what_lies_outside_of_the_foreground_reflects_nothing_and_leaves_the_light_as_it_was() {
+fn gaussians_outside_of_the_foreground_reflect_nothing_and_do_not_train_the_light() {
     for name in ["specula", "paper"] {
         let mut settings = settings(name);
         let light = settings.profile.light.expect("it has a light");

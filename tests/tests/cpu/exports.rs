@@ -8,8 +8,8 @@ use specula_core::{
 };
 use specula_tests::strategies::{same_every_time, unit_vector};
 
-/// Coefficients are `f32`; the fit is in `f64`, its normal equations of random directions are
-/// conditioned well enough that nothing of that is seen.
+/// Coefficients are `f32`; the fit is in `f64`, its normal equations of random directions are well
+/// conditioned.
 const ROUNDING: f32 = 1e-5;
 
 fn color_of(harmonics: &Harmonics, coefficients: &[[f32; 3]]) -> [f32; 3] {
@@ -29,7 +29,7 @@ proptest! {
     #![proptest_config(same_every_time())]
 
     #[test]
-    fn what_is_harmonic_comes_back(
+    fn fits_recover_harmonics(
         degree in 0..4_usize,
         coefficients in vec([-1.0..1.0_f32, -1.0..1.0, -1.0..1.0], MAX_COUNT),
         directions in vec((unit_vector(), 0.1..1.0_f64), 200),
@@ -97,7 +97,7 @@ proptest! {
 }
 
 #[test]
-fn directions_that_decide_nothing_are_told() {
+fn fits_of_too_few_directions_are_undetermined() {
     let mut fit = Fit::new(4);
     for _ in 0..100 {
         fit.add(&harmonics([0.0, 0.0, 1.0], 4), [0.25; 3], 1.0);

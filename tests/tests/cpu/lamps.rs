@@ -1,5 +1,5 @@
-//! Lamps: what follows from physics and geometry, shadows known in closed form, and pictures
-//! against the plain pipeline.
+//! Lamps: invariants of physics and geometry, shadows known in closed form, and pictures against
+//! the plain pipeline.
 
 use core::f32::consts::PI;
 use glam::Vec3;
@@ -14,7 +14,7 @@ use specula_core::{
         DirectLight, LAMPS_MAX, LIGHT_MAX, Lamp, LampError, LampOf, LitPixel, RAYS_MAX, Toward, check, check_reflected,
         direct_light, disc_axes, horizon, seen_share, shadow_ray, shift, specular, spiral_point, toward,
     },
-    near_field::{BACK_DEPTH, FRONTS_ALONE, NOTHING, NearField, TRIANGLE_LEN, crossing},
+    near_field::{BACK_DEPTH, CULL_BACKFACES, NearField, T_MISS, TRIANGLE_LEN, crossing},
     physical::PixelFacing,
     plan::{Needs, Plan, Unlit},
     prefilter::{LevelRange, Levels, PrefilterScheme},
@@ -36,7 +36,7 @@ use specula_tests::{
 };
 use specula_train::evaluate::render_view;
 
-/// `f32` on lanes against `f64`: 1e-5 is 100 dB; one of 32 rays of a pixel that meets the other of
+/// `f32` on lanes against `f64`: 1e-5 is 100 dB; one of 32 rays of a pixel that hits the other of
 /// two triangles brings a small picture down to 80 dB.
 const SAME_FRAME: f64 = 75.0;
 /// Rounding of a few dozen operations in `f32`.
@@ -78,7 +78,7 @@ fn above() -> impl Strategy<Value = Vec3> {
 proptest! {
     #![proptest_config(same_every_time())]
 
-    /// Light takes the same way back.
+    /// Reciprocity: light takes the same way back.
     #[test]
     fn reflections_are_reciprocal(to in above(), from in above(), alpha in 0.01..1.0_f32, f0 in 0.0..1.0_f32) {
         prop_assume!(to.z > 0.05 && from.z > 0.05);
@@ -88,8 +88,8 @@ proptest! {
         prop_assert!((there - back).abs() <= 1e-3 * there.max(1e-6), "{there} {back}");
     }
 
-    /// A lamp of no extent, of little and of any is finite from anywhere, behind as well, and
-    /// shines on nothing that faces away from all of it.
+    /// A lamp of any extent, also none, is finite from anywhere, also from behind, and does not
+    /// light surfaces that face away from all of it.
     #[test]
     fn light_is_finite_and_ends_behind_the_horizon(
         position in proptest::array::uniform3(-2.0..2.0_f32),
@@ -117,7 +117,7 @@ proptest! {
         seed in any::<u64>(),
         origin in proptest::array::uniform3(-3.0..3.0_f32),
         direction in unit_vector(),
-        reach in prop_oneof![Just(NOTHING), 0.0..4.0_f32],
+        reach in prop_oneof![Just(T_MISS), 0.0..4.0_f32],
     ) {
         let near_field = random_near_field(40, seed);
         let origin = Real3::from(Vec3::from(origin));
@@ -126,16 +126,16 @@ proptest! {
         let depth = BACK_DEPTH * near_field.offset;
         let nearest = (0..near_field.triangle_count)
             .map(|triangle| crossing(near_field.corners(triangle).map(position), origin, direction, depth).distance)
-            .fold(NOTHING, f32::min);
+            .fold(T_MISS, f32::min);
         prop_assert_eq!(near_field.is_blocked(origin, direction, reach), nearest < reach);
-        let front = near_field.first_hit(origin, direction).map_or(NOTHING, |hit| hit.distance);
+        let front = near_field.first_hit(origin, direction).map_or(T_MISS, |hit| hit.distance);
         prop_assert!(nearest <= front);
     }
 
-    /// A triangle is met by its back from the depth on, and not from a start that noise put below
+    /// Rays hit the back of a triangle from the depth on, and not from a start that noise put below
     /// its own surface.
     #[test]
-    fn backs_are_met_from_a_depth(
+    fn rays_hit_backs_from_a_depth(
         corners in [unit_vector(), unit_vector(), unit_vector()],
         weights in [0.1..0.4_f32, 0.1..0.4_f32],
         direction in unit_vector(),
@@ -152,11 +152,11 @@ proptest! {
         let place = a + weights[0] * (b - a) + weights[1] * (c - a);
         let start = place - direction * (below * depth / along);
         let found = |depth: f32| crossing([a, b, c].map(Real3::from), start.into(), direction.into(), depth).distance;
-        prop_assert_eq!(found(depth) < NOTHING, below > 1.0);
-        prop_assert_eq!(found(FRONTS_ALONE), NOTHING);
+        prop_assert_eq!(found(depth) < T_MISS, below > 1.0);
+        prop_assert_eq!(found(CULL_BACKFACES), T_MISS);
     }
 
-    /// Rays lead to the lamp's disc, and together they weigh what the disc shines on the surface.
+    /// Rays lead to the lamp's disc, and their weights sum to the disc's irradiance on the surface.
     #[test]
     fn rays_weigh_what_the_disc_shines(direction in above(), sine in 0.0..0.9_f32, column in 0..4000_u16, row in 0..4000_u16) {
         const POINTS: usize = 512;
@@ -182,11 +182,11 @@ proptest! {
     }
 }
 
-/// A white surface of a metal under light from everywhere: what it reflects is what it receives, or
-/// less where light is scattered between its facets.
+/// A white surface of a metal under light from everywhere: it reflects the light that it receives,
+/// or less where light is scattered between its facets.
 #[test]
 fn no_surface_reflects_more_than_it_receives() {
-    /// A lattice of so many directions resolves lobes of α ≥ 0.1 within a hundredth.
+    /// A lattice of this many directions resolves lobes of α ≥ 0.1 within a hundredth.
     const DIRECTIONS: usize = 200_000;
     const ERROR: f64 = 0.01;
     for alpha in [0.1, 0.3, 0.6, 1.0] {
@@ -272,7 +272,7 @@ fn the_horizon_is_as_blurred_as_the_lamp_is_wide() {
     assert_eq!(horizon(0.25, 0.0), 0.25);
 }
 
-/// Pixels draw numbers of their own, the same in any precision, evenly between 0 and 1.
+/// Each pixel draws its own numbers, the same in any precision, uniform between 0 and 1.
 #[test]
 fn pixels_shift_their_rays_by_numbers_of_their_own() {
     const EDGE: usize = 200;
@@ -430,14 +430,14 @@ fn reflected_light_is_added_to_what_lies_below_a_pixel() {
 }
 
 #[test]
-fn reflected_light_that_is_none_is_refused() {
+fn invalid_reflected_light_is_refused() {
     assert_eq!([check_reflected(2, &[]), check_reflected(2, &[0.5; 6])], [Ok(()); 2]);
     for fault in [vec![0.5; 5], vec![0.5; 9], [vec![0.5; 5], vec![f32::NAN]].concat(), vec![f32::INFINITY; 6]] {
         assert_eq!(check_reflected(2, &fault), Err(LampError::Reflected), "{fault:?}");
     }
 }
 
-/// Lamps that are off, and rules without lamps, change no bit; channels that no one asked for
+/// Lamps that are off, and rules without lamps, change no bit; channels that were not requested
 /// change nothing either.
 #[test]
 fn black_lamps_and_channels_change_no_bit() {
@@ -457,7 +457,7 @@ fn black_lamps_and_channels_change_no_bit() {
     assert_eq!(lit, colors(&subject.picture(Some(&lamps()), &Subject::rules(true, Channels::Layers))));
     assert_eq!(on.blended(subject.gaussians.layout), Channels::Layers, "albedo and depth");
     let view = RenderRules { shading: ShadingRules::DEFERRED, ..on };
-    assert_eq!(view.blended(subject.gaussians.layout), Channels::Lit, "lamps shine on materials alone");
+    assert_eq!(view.blended(subject.gaussians.layout), Channels::Lit, "lamps light only materials");
 }
 
 /// Suns of a million and lamps within the scene, among surfaces with holes and without normals.
@@ -480,13 +480,13 @@ fn pictures_under_any_lamps_are_finite() {
     }
 }
 
-/// A closed box keeps every light outside.
+/// A closed box keeps out all light.
 #[test]
 fn nothing_shines_into_a_closed_box() {
     let mut subject = Subject::new(11);
     subject.environment.values.fill(0.0);
     let mut walls = sphere_of(Vec3::ZERO, 3.0);
-    // Seen from within: rays meet the fronts of triangles alone.
+    // From within: rays hit only the fronts of triangles.
     let triangles = walls.triangles_start()..walls.vertices_start();
     walls.values[triangles].as_chunks_mut::<TRIANGLE_LEN>().0.iter_mut().for_each(|triangle| triangle.swap(1, 2));
     subject.occluder = Some(walls);
@@ -509,7 +509,7 @@ fn pictures_do_not_depend_on_threads() {
     assert!(one.values.iter().zip(&on(3).values).all(|(a, b)| a.to_bits() == b.to_bits()));
 }
 
-/// Lamps shine in the dark; the plan says so, and leaves out what they do not need.
+/// Lamps light a dark scene; the plan includes them, and omits what they do not need.
 #[test]
 fn lamps_are_planned_for_in_the_dark() {
     let mut subject = Subject::new(6);
@@ -618,8 +618,8 @@ fn the_shadow_of_a_sphere_on_a_plane_has_the_known_boundary() {
                 Lamp::Sun { direction, .. } => Vec3::from(direction),
                 Lamp::Sphere { position, .. } => Vec3::from(position) - at,
             };
-            let [between, of_sphere] = angles(at, center, radius, to_lamp);
-            let (ours, theirs) = (*share < 0.5, between < of_sphere);
+            let [between, sphere_radius] = angles(at, center, radius, to_lamp);
+            let (ours, theirs) = (*share < 0.5, between < sphere_radius);
             both += u32::from(ours && theirs);
             any += u32::from(ours || theirs);
         }
@@ -638,14 +638,14 @@ fn soft_shadows_have_the_known_umbra_and_penumbra() {
     let mut counts = [0_u32; 3];
     let mut worst = 0.0_f32;
     for (share, at) in shares.iter().zip(points) {
-        let [between, of_sphere] = angles(at, center, radius, direction);
+        let [between, sphere_radius] = angles(at, center, radius, direction);
         // Half a pixel, as an angle from the plane.
         const MARGIN: f32 = 0.03;
-        let expected = overlap(between, of_sphere, 0.5 * diameter);
-        if between > of_sphere + 0.5 * diameter + MARGIN {
+        let expected = overlap(between, sphere_radius, 0.5 * diameter);
+        if between > sphere_radius + 0.5 * diameter + MARGIN {
             assert!((share - 1.0).abs() < ROUNDING, "{share} in the light");
             counts[0] += 1;
-        } else if between < of_sphere - 0.5 * diameter - MARGIN {
+        } else if between < sphere_radius - 0.5 * diameter - MARGIN {
             assert_eq!(*share, 0.0, "in the umbra");
             counts[1] += 1;
         } else {

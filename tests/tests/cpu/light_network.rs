@@ -80,15 +80,15 @@ fn shares(angle_max: f64, weight: impl Fn(f64) -> f64) -> [f64; DEGREES.len()] {
 }
 
 #[test]
-fn harmonics_of_a_degree_depend_on_the_angle_between_directions_alone() {
+fn harmonics_of_a_degree_depend_only_on_the_angle_between_directions() {
     let none = [Double(1.0); DEGREES.len()];
     let vectors: Vec<_> = unit_vectors(40).collect();
     for (a, b) in vectors.iter().zip(vectors.iter().rev()) {
-        let (of_a, of_b) = (encode(*a, &none), encode(*b, &none));
+        let (encoded_a, encoded_b) = (encode(*a, &none), encode(*b, &none));
         let mut first = 0;
         for degree in DEGREES {
             let range = first..first + 2 * degree + 1;
-            let sum: f64 = range.clone().map(|k| of_a[k].0 * of_b[k].0).sum();
+            let sum: f64 = range.clone().map(|k| encoded_a[k].0 * encoded_b[k].0).sum();
             let count = (2 * degree + 1) as f64;
             assert_close(sum, count * legendre(degree, a.dot(*b).0), 1e-10 * count);
             first = range.end;
@@ -116,7 +116,7 @@ fn harmonics_are_orthogonal_and_of_mean_square_one() {
     }
 }
 
-/// The attenuation stands for the GGX lobe that the levels of a cube map are filtered with.
+/// The attenuation approximates the GGX lobe that filters the levels of a cube map.
 #[test]
 fn the_attenuation_of_a_roughness_is_that_of_its_ggx_lobe() {
     let mut worst: f64 = 0.0;
@@ -148,7 +148,7 @@ fn the_attenuation_of_a_concentration_is_the_integral_over_its_lobe() {
 }
 
 #[test]
-fn rough_lobes_leave_low_degrees_alone_and_mirrors_leave_all() {
+fn rough_lobes_keep_only_low_degrees_and_mirrors_keep_all() {
     assert_eq!(attenuations(0.0), [1.0; DEGREES.len()]);
     let rough = attenuations(1.0);
     assert!(rough[3] < 1e-6 && rough[0] > 0.5, "{rough:?}");
@@ -177,8 +177,8 @@ fn a_new_network_is_the_same_light_in_every_direction_and_at_every_roughness() {
 fn the_first_level_is_the_light_of_its_texels() {
     let light = network(5);
     let faces = filtered(&mut CpuExecutor::new(), &light).faces(0);
-    let alone: Vec<f32> = texels(&light).flatten().collect();
-    assert_all_close(&to_f64(&faces), &to_f64(&alone), ROUNDING_F32);
+    let direct: Vec<f32> = texels(&light).flatten().collect();
+    assert_all_close(&to_f64(&faces), &to_f64(&direct), ROUNDING_F32);
     let [least, most] = faces.iter().fold([f32::MAX, 0.0], |[least, most], x| [least.min(*x), most.max(*x)]);
     assert!(least < 0.8 * most, "{least} to {most}: it differs from direction to direction");
 }
@@ -189,9 +189,9 @@ fn levels_and_gradients_are_those_of_f64() {
     let light = network(6);
     let operator = plain::Operator::new(RESOLUTION);
     let exact = lift_environment::<Double>(&light);
-    let of_f64 = plain::prefilter(&exact, &operator);
+    let exact_levels = plain::prefilter(&exact, &operator);
     let ours = filtered(&mut exec, &light);
-    let expected = numbers_of_maps(&of_f64);
+    let expected = numbers_of_maps(&exact_levels);
     let found: Vec<f64> = ours.texels().iter().flat_map(|texel| [0, 1, 2].map(|c| f64::from(texel[c]))).collect();
     println!("levels: {:.1e}", relative_difference(&found, &expected));
     assert_all_close(&found, &expected, SAME_LIGHT);
@@ -202,13 +202,13 @@ fn levels_and_gradients_are_those_of_f64() {
     let cotangent = random_cotangent(expected.len(), 1);
     let grad = ours.grad(&as_texels(&cotangent));
     let back = exec.prefilter_vjp(&light, &ours, &grad).expect("the CPU goes back");
-    let mut of_light = plain::LightGrad::<Double>::zero(&of_f64);
+    let mut level_grads = plain::LightGrad::<Double>::zero(&exact_levels);
     let mut numbers = cotangent.chunks_exact(3);
-    for texel in of_light.maps.iter_mut().flatten() {
+    for texel in level_grads.maps.iter_mut().flatten() {
         let rgb = numbers.next().expect("as many texels");
         *texel = vec3(Double(rgb[0]), Double(rgb[1]), Double(rgb[2]));
     }
-    let expected: Vec<f64> = plain::prefilter_vjp(&exact, &operator, &of_light).iter().map(|x| x.0).collect();
+    let expected: Vec<f64> = plain::prefilter_vjp(&exact, &operator, &level_grads).iter().map(|x| x.0).collect();
     println!("gradient: {:.1e}", relative_difference(&to_f64(&back), &expected));
     assert_all_close(&to_f64(&back), &expected, SAME_GRADIENT);
 }

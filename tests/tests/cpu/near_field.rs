@@ -1,5 +1,5 @@
-//! Reflected rays: the hierarchy finds the triangle that all of them together have nearest, the
-//! picture is that of the plain pipeline, and what follows from physics and geometry holds.
+//! Reflected rays: the hierarchy finds the nearest triangle, the picture is that of the plain
+//! pipeline, and invariants of physics and geometry hold.
 
 use fearless_simd::{Level, Simd, dispatch};
 use glam::Vec3;
@@ -10,8 +10,8 @@ use specula_core::{
     double::Double,
     executor::Renderer,
     near_field::{
-        BLURRED, FINISHED, FRONTS_ALONE, Hit, INDEX_MAX, NODE_LEN, NOTHING, NearField, NearFieldError, NearSurface,
-        Reflection, SHARP, crossing, share_of_near, vertex_surface,
+        CULL_BACKFACES, Hit, INDEX_MAX, NEAR_ROUGHNESS_END, NEAR_ROUGHNESS_START, NODE_LEN, NearField, NearFieldError,
+        NearSurface, Reflection, T_DONE, T_MISS, crossing, share_of_near, vertex_surface,
     },
     pipeline::render,
     prefilter::{LevelRange, PrefilterScheme},
@@ -34,7 +34,7 @@ use specula_tests::{
 };
 use specula_train::evaluate::render_view;
 
-/// `f32` on lanes against `f64`, as in other pictures: 1e-5 is 100 dB, a pixel whose ray meets the
+/// `f32` on lanes against `f64`, as in other pictures: 1e-5 is 100 dB, a pixel whose ray hits the
 /// other of two triangles brings a small picture down to 80 dB.
 const SAME_FRAME: f64 = 75.0;
 /// Rounding of a few dozen operations in `f32` on numbers near one.
@@ -55,8 +55,8 @@ fn nearest<R: Real<Mask = bool>>(
     let mut hit: Option<Hit<R>> = None;
     for triangle in 0..near_field.triangle_count {
         let found =
-            crossing(near_field.corners(triangle).map(position), origin, direction, like.constant(FRONTS_ALONE));
-        let nearest = hit.map_or(like.constant(NOTHING), |hit| hit.distance);
+            crossing(near_field.corners(triangle).map(position), origin, direction, like.constant(CULL_BACKFACES));
+        let nearest = hit.map_or(like.constant(T_MISS), |hit| hit.distance);
         if found.distance.less(nearest) {
             hit = Some(Hit { distance: found.distance, triangle, weights: found.weights });
         }
@@ -89,7 +89,7 @@ fn side_by_side<S: Simd>(
         weights: weights.map(|weights| weights[lane]),
     };
     (
-        core::array::from_fn(|lane| (distances[lane] < NOTHING).then(|| hit(lane))),
+        core::array::from_fn(|lane| (distances[lane] < T_MISS).then(|| hit(lane))),
         are_blocked.map(|blocked| blocked == 1.0),
     )
 }
@@ -97,10 +97,10 @@ fn side_by_side<S: Simd>(
 proptest! {
     #![proptest_config(same_every_time())]
 
-    /// The hierarchy leaves out what no ray meets, and nothing else: the same triangle at the same
-    /// distance to the last bit, along axes as well.
+    /// The hierarchy only skips triangles that no ray hits: the same triangle at the same distance
+    /// to the last bit, along axes as well.
     #[test]
-    fn rays_meet_the_nearest_of_all_triangles(
+    fn rays_hit_the_nearest_of_all_triangles(
         (count, seed) in (1..90_u64, any::<u64>()),
         origin in proptest::array::uniform3(-3.0..3.0_f32),
         direction in prop_oneof![
@@ -120,24 +120,24 @@ proptest! {
         prop_assert_eq!(ours, theirs);
     }
 
-    /// Sixteen rays side by side meet what each of them meets alone within its reach; those that
-    /// are left out meet nothing.
+    /// Sixteen rays side by side have the hits of each ray on its own within its reach; skipped
+    /// rays hit nothing.
     #[test]
-    fn rays_side_by_side_meet_what_each_meets_alone(
+    fn rays_side_by_side_have_the_hits_of_single_rays(
         (count, seed) in (1..200_u64, any::<u64>()),
         rays in proptest::array::uniform16((
             proptest::array::uniform3(-3.0..3.0_f32),
             unit_vector(),
-            prop_oneof![3 => Just(NOTHING), 2 => 0.0..4.0_f32, 1 => Just(FINISHED)],
+            prop_oneof![3 => Just(T_MISS), 2 => 0.0..4.0_f32, 1 => Just(T_DONE)],
         )),
     ) {
         let near_field = random_near_field(count, seed);
-        let alone = rays.map(|(origin, direction, reach)| {
+        let traced_rays = rays.map(|(origin, direction, reach)| {
             let direction = Real3::from(Vec3::from(direction.map(|x| x as f32)));
             (Real3::from(Vec3::from(origin)), direction, reach)
         });
-        let (hits, are_blocked) = dispatch!(Level::new(), simd => side_by_side(simd, &near_field, &alone));
-        for (lane, (origin, direction, reach)) in alone.into_iter().enumerate() {
+        let (hits, are_blocked) = dispatch!(Level::new(), simd => side_by_side(simd, &near_field, &traced_rays));
+        for (lane, (origin, direction, reach)) in traced_rays.into_iter().enumerate() {
             let expected = near_field.first_hit(origin, direction).filter(|hit| hit.distance < reach);
             let found = hits[lane];
             prop_assert_eq!(found.is_some(), expected.is_some());
@@ -151,10 +151,10 @@ proptest! {
         }
     }
 
-    /// A point inside a triangle is met there, at its distance and with its weights; from behind it
-    /// is not.
+    /// A ray hits a point inside a triangle there, at its distance and with its weights; from
+    /// behind it does not.
     #[test]
-    fn a_ray_meets_the_point_that_it_is_aimed_at(
+    fn a_ray_hits_the_point_that_it_is_aimed_at(
         seed in any::<u64>(),
         (u, v) in (0.05..0.45_f32, 0.05..0.45_f32),
         from in unit_vector(),
@@ -209,14 +209,14 @@ fn far_light_comes_from_where_the_ray_is_mirrored_a_second_time() {
 
 /// Hits count in full for mirrors, not at all for rough surfaces, and ever less in between.
 #[test]
-fn a_single_ray_stands_for_mirrors() {
+fn single_rays_have_full_weight_only_for_mirrors() {
     let shares: Vec<f32> = (0..=100).map(|k| share_of_near(0.01 * k as f32)).collect();
     assert_eq!([shares[0], shares[25], shares[50], shares[100]], [1.0, 1.0, 0.0, 0.0]);
-    assert!((share_of_near(0.5 * (SHARP + BLURRED)) - 0.5).abs() < 1e-6);
+    assert!((share_of_near(0.5 * (NEAR_ROUGHNESS_START + NEAR_ROUGHNESS_END)) - 0.5).abs() < 1e-6);
     assert!(shares.windows(2).all(|pair| pair[1] <= pair[0]));
 }
 
-/// Rays at the limits of their numbers meet nothing or something, but end and are no panic.
+/// Rays at the limits of their numbers hit nothing or something, but end without a panic.
 #[test]
 fn rays_and_triangles_at_the_edge_of_numbers_are_traced() {
     let flat = [Vec3::ZERO, Vec3::X, 2.0 * Vec3::X];
@@ -231,7 +231,7 @@ fn rays_and_triangles_at_the_edge_of_numbers_are_traced() {
         for (origin, direction) in [(vec3(x, y, 0.0), vec3(0.0, 0.0, 1.0)), (vec3(0.1, 0.2, 9.0), vec3(x, 0.0, y))] {
             if let Some(hit) = near_field.first_hit(origin, direction) {
                 met += 1;
-                assert!(hit.distance > 0.0 && hit.distance < NOTHING, "{hit:?}");
+                assert!(hit.distance > 0.0 && hit.distance < T_MISS, "{hit:?}");
                 assert!(origin.x.is_finite() && direction.x.is_finite(), "{origin:?} {direction:?}");
             }
         }
@@ -259,7 +259,7 @@ fn damaged_near_fields_are_refused() {
         assert_eq!(damaged(&|field| field.offset = number), Err(NearFieldError::NotFinite));
     }
     assert_eq!(damaged(&|field| field.offset = -0.1), Err(NearFieldError::NotFinite));
-    // The root leads to itself, to what is not there, or to no whole number.
+    // The root leads to itself, to a missing node, or to a number that is not whole.
     for next in [0.0, -1.0, 0.5, 1e6] {
         assert_eq!(damaged(&|field| field.values[3] = next), Err(NearFieldError::Node { index: 0 }), "{next}");
     }
@@ -356,9 +356,9 @@ fn a_frame_with_a_near_field_is_that_of_the_plain_pipeline_in_every_layer() {
     }
 }
 
-/// Reflections differ in colour, specular layer and light; nothing else of a picture does.
+/// Reflections differ in colour, specular layer and light; all else of a picture stays.
 #[test]
-fn a_near_field_changes_light_alone() {
+fn a_near_field_changes_only_light() {
     let subject = Subject::new(2);
     let rules = Subject::rules(true, Channels::Layers);
     let [with, without] = [Some(&random_near_field(60, 2)), None].map(|near_field| subject.picture(near_field, &rules));
@@ -369,10 +369,10 @@ fn a_near_field_changes_light_alone() {
     }
 }
 
-/// Light along the reflection is what other surfaces reflect there, and the share of the far light
-/// that they leave.
+/// Light along the reflection is that of other surfaces there, plus the share of the far light that
+/// they do not occlude.
 #[test]
-fn light_is_what_surfaces_reflect_and_what_they_leave() {
+fn reflected_light_is_that_of_surfaces_and_of_the_far_light_between_them() {
     let subject = Subject::new(2);
     let near_field = random_near_field(60, 2);
     let layer = |near_field: Option<&NearField<Vec<f32>>>, light_layer| {
@@ -399,7 +399,7 @@ fn light_is_what_surfaces_reflect_and_what_they_leave() {
     assert!(layer(None, LightLayer::Indirect).plane(channel::LIGHT).iter().all(|light| *light == 0.0));
 }
 
-/// Channels that no one asked for, and rules that do not trace, change no bit.
+/// Channels that were not requested, and rules that do not trace, change no bit.
 #[test]
 fn channels_do_not_change_reflections_and_rules_turn_them_off() {
     let subject = Subject::new(3);
@@ -530,7 +530,7 @@ fn tinted(mesh: Mesh) -> NearField<Vec<f32>> {
     near_field
 }
 
-/// A single sphere sees nothing of itself; of two that nearly touch each sees the other.
+/// A single sphere does not see itself; two that nearly touch see each other.
 #[test]
 fn convex_scenes_do_not_reflect_themselves() {
     let eyes: Vec<Vec3> =

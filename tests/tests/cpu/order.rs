@@ -183,11 +183,11 @@ fn the_exact_order_is_that_of_an_independent_renderer() {
     }
     for (cloud, camera) in scenes {
         let truth = by_rays(&cloud, &camera, rays::Order::Response);
-        let of_means = by_rays(&cloud, &camera, rays::Order::Mean);
+        let by_means = by_rays(&cloud, &camera, rays::Order::Mean);
         let own = wide(&picture(&cloud, &camera, cutoffs));
-        println!("{:.1} dB; by means {:.1} dB", psnr(&own, &truth), psnr(&of_means, &truth));
+        println!("{:.1} dB; by means {:.1} dB", psnr(&own, &truth), psnr(&by_means, &truth));
         assert_psnr(&own, &truth, SAME_FRAME);
-        assert!(psnr(&of_means, &truth) < 60.0, "the order matters");
+        assert!(psnr(&by_means, &truth) < 60.0, "the order matters");
     }
 }
 
@@ -335,7 +335,7 @@ fn extreme_scenes_in_f32_are_those_in_f64_in_the_exact_order() {
     }
 }
 
-/// As [`SAME_FRAME`], where more pixels hang on rounding: needles in the plane of a pixel's ray.
+/// As [`SAME_FRAME`], where more pixels depend on rounding: needles in the plane of a pixel's ray.
 const EXTREME_FRAME: f64 = 45.0;
 
 #[test]

@@ -1,5 +1,5 @@
-//! The perspective inside of splats: against rays through Gaussians, worked out with no formula of
-//! core.
+//! The perspective inside of splats: against rays through Gaussians, computed without any formula
+//! of core.
 
 use glam::{DMat3, DQuat, DVec3};
 use proptest::prelude::*;
@@ -27,7 +27,7 @@ const SAME_IN_F32: f64 = 2e-4;
 /// The published table has two or three digits.
 const OF_TABLE: f64 = 0.06;
 
-/// A Gaussian of numbers that anyone reads.
+/// A Gaussian in plain numbers.
 #[derive(Clone, Copy, Debug)]
 struct Ball {
     mean: DVec3,
@@ -137,7 +137,7 @@ proptest! {
     #![proptest_config(same_every_time())]
 
     #[test]
-    fn along_rays_it_is_the_largest_response(
+    fn projection_along_rays_gives_the_largest_response(
         ball in ball(1e-2..10.0), pixel in pixel(), focal in prop::array::uniform2(20.0..300.0_f32)
     ) {
         let camera = straight(focal);
@@ -147,7 +147,7 @@ proptest! {
     }
 
     #[test]
-    fn where_nothing_is_wide_all_projections_agree(ball in ball(1e-6..1e-5)) {
+    fn all_projections_of_narrow_gaussians_agree(ball in ball(1e-6..1e-5)) {
         let camera = straight([1e5, 1e5]);
         let at = projected(&ball, &camera, ProjectionModel::Ray).splat.mean2d.map(|x| Double(x.0 + 1.0));
         let [affine, tangent, ray] = [ProjectionModel::Within(1.0), ProjectionModel::Tangent, ProjectionModel::Ray]
@@ -212,7 +212,7 @@ proptest! {
     }
 
     #[test]
-    fn turning_the_camera_changes_nothing_but_the_affine(
+    fn turning_the_camera_changes_only_affine_projections(
         ball in ball(0.2..0.4), turn in prop::array::uniform2(-0.6..0.6_f64)
     ) {
         let ball = Ball { mean: ball.mean * DVec3::new(0.1, 0.1, 0.5) + DVec3::Z, ..ball };
@@ -281,7 +281,7 @@ fn errors_are_those_of_the_published_table() {
 }
 
 #[test]
-fn what_the_affine_projection_is_off_by_is_foretold() {
+fn the_error_of_the_affine_projection_is_predicted() {
     for (degrees, tilt, scale) in [(10.0, 0.0, 0.03), (45.0, 30.0, 0.02), (60.0, 0.0, 0.01), (0.0, 60.0, 0.03)] {
         let ball = at(degrees, DVec3::new(1.0, 0.5, 0.2) * scale, tilt);
         let projected = projected(&ball, &straight([1e6, 1e6]), ProjectionModel::Ray);
@@ -300,7 +300,7 @@ fn what_the_affine_projection_is_off_by_is_foretold() {
 }
 
 #[test]
-fn the_affine_footprint_is_what_it_was() {
+fn affine_splats_have_the_same_footprint_in_perspective() {
     let ball = at(20.0, DVec3::new(0.1, 0.05, 0.01), 30.0);
     let projected = projected(&ball, &straight([100.0, 100.0]), ProjectionModel::Within(1e9));
     let expected = footprint(&projected.splat);

@@ -1,5 +1,5 @@
 //! The plain pipeline's gradients are those of its loss, and its prefilter is the integral that it
-//! stands for.
+//! approximates.
 
 use specula_core::{
     camera::Camera,
@@ -35,9 +35,9 @@ const SAME_GRADIENT: f64 = 1e-6;
 const STEP: f64 = 2e-5;
 /// Differences over h and over h / 2 that disagree by more than this have a jump or a kink between
 /// them: a pixel that a splat leaves, two splats that swap, a colour that crosses its target, a
-/// texel's border. They are left out.
+/// texel's border. They are skipped.
 const SMOOTH: f64 = 2e-6;
-/// No more than this share may be left out.
+/// Largest share that may be skipped.
 const ROUGH_SHARE: f64 = 0.1;
 
 const WEIGHTS: LossWeights = LossWeights {
@@ -119,7 +119,7 @@ fn slope_at_zero(f: impl Fn(f64) -> f64, scale: f64) -> Option<f64> {
     ((coarse - fine).abs() <= SMOOTH * scale).then_some((4.0 * fine - coarse) / 3.0)
 }
 
-/// Slopes that were compared and that were left out.
+/// Slopes that were compared and that were skipped.
 #[derive(Default)]
 struct Tally {
     compared: usize,
@@ -267,7 +267,7 @@ fn gradients_of_physical_materials_are_right() {
     gaussian_gradients_are_right(&scene, &PHYSICAL);
 }
 
-/// Plain Gaussians learn nothing from normals: their gradient is of colours and coverage alone.
+/// Plain Gaussians have no gradient from normals: only from colours and coverage.
 #[test]
 fn gradients_of_a_plain_cloud_are_those_of_its_loss() {
     let mut scene = Scene::new(4, Layout::radiance(3), RadianceActivation::Identity, NormalForm::Distance);
@@ -276,7 +276,7 @@ fn gradients_of_a_plain_cloud_are_those_of_its_loss() {
 }
 
 #[test]
-fn gradients_of_colour_alone_are_right() {
+fn gradients_of_only_colour_are_right() {
     let mut scene = Scene::new(5, Layout::shaded(None), RadianceActivation::Identity, NormalForm::Distance);
     scene.rules.channels = Channels::Color;
     let without_harmonics = &SHADED[..9];
@@ -290,7 +290,7 @@ fn a_gradient_off_by_a_hundred_thousandth_is_found() {
 }
 
 #[test]
-fn a_kink_is_left_out() {
+fn slopes_at_kinks_are_skipped() {
     let mut tally = Tally::default();
     tally.compare("x", 1.0, 1.0, |x| (x + 0.3 * STEP).abs());
     assert_eq!((tally.compared, tally.rough), (0, 1), "there is no slope to compare with");

@@ -19,7 +19,7 @@ use std::{
     sync::{LazyLock, Mutex, PoisonError},
 };
 
-/// Executors by what they filter light into, so that no operator of the prefilter is built twice.
+/// Executors by scheme and levels, so that no operator of the prefilter is built twice.
 type Executors = HashMap<(PrefilterScheme, LevelRange), CpuExecutor>;
 
 /// Runs `work` on the executor for these rules.
@@ -66,7 +66,7 @@ impl Scene {
         }
     }
 
-    /// A band of the harmonics becomes nothing.
+    /// Clears a band of the harmonics.
     fn clear_band(&mut self, band: usize) {
         let layout = self.gaussians.layout;
         let first = layout.sh_start();
@@ -98,7 +98,7 @@ impl Scene {
         })
     }
 
-    /// Of the picture by these rules from the full one.
+    /// Difference of the picture by these rules from the full one.
     fn difference(&self, rules: &RenderRules, camera: &Camera) -> f32 {
         let full = self.picture(&self.plan().full, camera);
         largest_difference(&self.picture(rules, camera), &full, self.asked.channels)
@@ -188,7 +188,7 @@ fn front() -> Camera {
 mod the_comparison_fails_where_something_needed_is_left_out {
     use super::*;
 
-    /// Leaves out what a scene needs, and expects to be found out.
+    /// Omits a term that a scene needs, and expects the verification to fail.
     fn is_found_out(scene: &Scene, leave_out: impl FnOnce(&mut RenderRules)) {
         let mut rules = scene.plan().rules;
         leave_out(&mut rules);
@@ -286,7 +286,7 @@ fn a_plan_reads_only_what_it_uses() {
 }
 
 #[test]
-fn what_is_not_a_number_is_never_left_out() {
+fn nan_is_never_omitted() {
     let mut scene = Scene::deferred(Channels::Color);
     scene.clear_band(3);
     scene.gaussians.set(4, scene.gaussians.layout.plane_count() - 1, [f32::NAN]);
@@ -327,7 +327,7 @@ fn channels_that_are_left_out_have_no_place() {
     assert_eq!(Channels::Lit.index_of(channel::ROUGHNESS), Some(9));
 }
 
-/// Channels that no loss reads have no gradient, so it does not matter whether they are there.
+/// Channels that no loss reads have no gradient, so their presence does not matter.
 #[test]
 fn gradients_do_not_depend_on_channels_that_nothing_reads() {
     let scene = Scene::deferred(Channels::Color);
@@ -358,10 +358,10 @@ fn gradient(scene: &Scene, rules: &RenderRules, camera: &Camera) -> Vec<f32> {
         let frame = exec.shade_pixels(surface, Some(&light), camera, rules)?;
         let target = exec.target(40, 32, &vec![100; 40 * 32 * 4])?;
         let grad = exec.loss(&frame, &target, camera, &WEIGHTS, [1.0; 3])?;
-        let (grad, of_light) = exec.shade_pixels_vjp(&frame, Some(&light), camera, rules, grad)?;
+        let (grad, light_grad) = exec.shade_pixels_vjp(&frame, Some(&light), camera, rules, grad)?;
         let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &grad, camera)?;
         let (grad, _) = exec.gaussians_vjp(&scene.gaussians, camera, &splats, Some(&light), rules, &WEIGHTS, &grads)?;
-        let of_light = exec.prefilter_vjp(environment, &light, &of_light.expect("there is a light"))?;
-        Ok([grad.values, of_light].concat())
+        let environment_grad = exec.prefilter_vjp(environment, &light, &light_grad.expect("there is a light"))?;
+        Ok([grad.values, environment_grad].concat())
     })
 }

@@ -1,4 +1,4 @@
-//! Scenes with any bits for numbers: Gaussians that are not finite are left out to the last bit and
+//! Scenes with any bits for numbers: Gaussians that are not finite are skipped to the last bit and
 //! counted, finite ones of any size make finite pictures and gradients.
 
 use core::cell::RefCell;
@@ -37,7 +37,7 @@ const RESOLUTION: usize = 16;
 /// Light looked up by Gaussians, and by pixels.
 const SHADINGS: [ShadingRules; 2] = [ShadingRules::PAPER, ShadingRules::DEFERRED];
 
-/// Numbers at every edge.
+/// Numbers at every limit.
 const EDGES: [f32; 12] = [
     f32::NAN,
     f32::INFINITY,
@@ -53,7 +53,7 @@ const EDGES: [f32; 12] = [
     -104.0,
 ];
 
-/// A number of the scene, and what it becomes.
+/// A number of the scene, and its new value.
 type Poison = (Index, f32);
 
 fn poison() -> impl Strategy<Value = Vec<Poison>> {
@@ -121,11 +121,14 @@ fn fault(
     }
     let moved = |(plane, gaussian): &(usize, usize)| with.gradient[plane * cloud.count + gaussian] != 0.0;
     let left_out = (0..cloud.count).filter(|gaussian| !is_finite(cloud, *gaussian));
-    let of_picture = left_out.flat_map(|gaussian| planes_of_pictures().map(move |plane| (plane, gaussian)));
-    of_picture.into_iter().find(moved).map(|(plane, gaussian)| format!("plane {plane} of {gaussian} has a gradient"))
+    let picture_planes = left_out.flat_map(|gaussian| planes_of_pictures().map(move |plane| (plane, gaussian)));
+    picture_planes
+        .into_iter()
+        .find(moved)
+        .map(|(plane, gaussian)| format!("plane {plane} of {gaussian} has a gradient"))
 }
 
-/// Planes that no loss looks at but through pictures.
+/// Planes that losses only reach through pictures.
 fn planes_of_pictures() -> impl Iterator<Item = usize> {
     let is_of_attributes =
         |plane: &usize| *plane == OPACITY || (NORMAL_RESIDUAL_1..NORMAL_RESIDUAL_2 + 3).contains(plane);
@@ -133,7 +136,7 @@ fn planes_of_pictures() -> impl Iterator<Item = usize> {
 }
 
 #[test]
-fn any_bits_are_drawn_or_left_out_and_nothing_else_changes() {
+fn gaussians_of_any_bits_are_drawn_or_skipped_and_nothing_else_changes() {
     let exec = RefCell::new(CpuExecutor::new());
     let light = light();
     let under =
@@ -209,10 +212,10 @@ fn assert_plain_may_be_anything(layout: Layout) {
 }
 
 #[test]
-fn what_a_plan_leaves_out_hides_nothing_that_is_not_finite() {
+fn plans_do_not_hide_nonfinite_gaussians() {
     let mut exec = CpuExecutor::new();
     let (light, mut cloud) = (light(), random_cloud(COUNT, LAYOUT, 53));
-    // No tint, so that a plan does without light and all that it needs.
+    // No tint, so that a plan omits the light and all that it needs.
     (0..COUNT).for_each(|gaussian| cloud.set(gaussian, specula_core::scene::TINT, [-200.0; 3]));
     let full = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Color);
     let filtered = exec.prefilter(&light, full.scheme, full.levels).expect("16 is a power of two");
@@ -258,7 +261,7 @@ fn materials_that_are_not_finite_are_told_from_filters() {
 }
 
 #[test]
-fn what_is_not_finite_is_counted_by_reason() {
+fn nonfinite_gaussians_are_counted_by_reason() {
     let cloud = random_cloud(COUNT, LAYOUT.antialiased(), 54);
     assert_eq!(CullStats::of(&cloud, None).nonfinite(), 0, "there is nothing wrong");
     for plane in 0..cloud.layout.plane_count() {

@@ -67,13 +67,13 @@ fn our_weights_are_half_of_the_official_ones() {
 }
 
 /// Distance of each level of a chain from the integral at most, as a share of it, at the centres of
-/// the texels that are looked at; nothing of the first, which is the light.
+/// the selected texels; without the first, which is the light.
 fn off_at_centres(map: &CubeMap<1>, is_looked_at: impl Fn([f64; 3]) -> bool) -> Vec<f64> {
     let levels = Levels::mips(MipRoughness::Linear, BASE, 5).expect("a chain");
     let values = map.texels.iter().flat_map(|[x]| [*x as f32; 3]).collect();
     let environment = Environment { resolution: BASE, activation: RadianceActivation::Identity, values };
     let light = CpuExecutor::new().prefilter_into(&environment, PrefilterScheme::Exact, levels).expect("it fits");
-    let of_level = |(number, level): (usize, &Level)| {
+    let level_error = |(number, level): (usize, &Level)| {
         let (size, faces) = (level.resolution, light.faces(number));
         let centre = |k: usize| (k, texel_direction(k / (size * size), k % size, k / size % size, size));
         let places: Vec<_> = (0..6 * size * size).map(centre).filter(|(_, dir)| is_looked_at(*dir)).collect();
@@ -83,18 +83,18 @@ fn off_at_centres(map: &CubeMap<1>, is_looked_at: impl Fn([f64; 3]) -> bool) -> 
         };
         places.par_iter().map(off).reduce(|| 0.0, f64::max)
     };
-    levels.as_slice().iter().enumerate().skip(1).map(of_level).collect()
+    levels.as_slice().iter().enumerate().skip(1).map(level_error).collect()
 }
 
-/// `specula prefilter --help` says so: a sun is not smooth over nodes that stand for many texels.
+/// A sun is not smooth over nodes that stand for many texels, as `specula prefilter --help` notes.
 #[test]
 fn beside_a_sun_of_a_texel_a_chain_is_not_exact() {
-    /// The sun, the sky, and the cosine from the sun of what is looked at.
+    /// The sun, the sky, and the cosine from the sun of selected texels.
     const SUN: f64 = 16_384.0;
     const SKY: f64 = 0.25;
     const BESIDE: f64 = 0.9;
-    /// Bound of each level's error, and the least of the first, so that what is said is not
-    /// out of date: 1.042, 0.332, 0.085 and 0.026 were found.
+    /// Bound of each level's error, and the least of the first, so that the help stays up to date:
+    /// 1.042, 0.332, 0.085 and 0.026 were found.
     const AT_MOST: [f64; 4] = [1.1, 0.36, 0.1, 0.04];
     const AT_LEAST: f64 = 0.3;
     let (face, column, row) = (0, 20, 33);
@@ -107,7 +107,7 @@ fn beside_a_sun_of_a_texel_a_chain_is_not_exact() {
     assert!(off[0] > AT_LEAST, "{off:?}: the help says more than is so");
 }
 
-/// A lobe that is cut keeps its energy: rows sum to one, whatever is left out.
+/// A lobe that is cut keeps its energy: rows sum to one, whatever is cut off.
 #[test]
 fn a_constant_light_stays_constant_in_levels_of_ones_own() {
     let mut exec = CpuExecutor::new();

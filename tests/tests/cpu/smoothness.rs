@@ -1,4 +1,4 @@
-//! Smoothness of normals: surfaces that it leaves as they are, creases that it spares.
+//! Smoothness of normals: surfaces that it does not change, creases that it exempts.
 
 use specula_core::{
     double::Double,
@@ -18,7 +18,7 @@ fn view_dir(x: f64, y: f64) -> [f64; 3] {
     [-x / length, -y / length, -FOCAL / length]
 }
 
-/// Unit normal of a sphere at this place and distance, where the ray through a pixel meets it.
+/// Unit normal of a sphere at this place and distance, where the ray through a pixel hits it.
 fn sphere(centre: [f64; 3], radius: f64, [x, y]: [i32; 2]) -> Option<[f64; 3]> {
     let ray = view_dir(x.into(), y.into()).map(|number| -number);
     let along: f64 = (0..3).map(|k| ray[k] * centre[k]).sum();

@@ -43,8 +43,8 @@ const SAME_SPLAT_GRADIENT: f64 = 5e-4;
 /// The same for what follows from equal gradients of splats, where nothing is cut off: a few
 /// hundred roundings.
 const SAME_GRADIENT: f64 = 1e-5;
-/// The same where light is looked up whose texels have nothing in common with their neighbours: a
-/// direction that is rounded moves by 4e-6 of a texel on a map of 64.
+/// The same for lookups of a light whose texels are independent of their neighbours: a direction
+/// that is rounded moves by 4e-6 of a texel on a map of 64.
 const SAME_GRADIENT_UNDER_LIGHT: f64 = 1e-4;
 /// Numbers of a splat's gradient before its channels.
 const GEOMETRY: usize = 6;
@@ -259,7 +259,7 @@ fn uploaded<E: Renderer<Error: core::fmt::Debug>>(
     Gaussians { count: *count, layout: *layout, values: exec.upload(values).expect("numbers fit") }
 }
 
-/// An executor whose gradients are numbers on the host.
+/// Executor whose gradients are numbers on the host.
 trait Back: Executor<Error: core::fmt::Debug> {
     fn frame_grad(&mut self, frame: &Self::Frame, scene: &Scene) -> Self::FrameGrad;
     fn grads_of(&mut self, scene: &Scene, values: &[f32]) -> Self::SplatGrads;
@@ -307,13 +307,13 @@ fn difference(actual: &[f32], expected: &[f64], count: usize, kinds: &[usize]) -
         *first = own.end;
         Some(own)
     });
-    let of_group = |group: core::ops::Range<usize>| {
+    let group_difference = |group: core::ops::Range<usize>| {
         let places = || (0..count).flat_map(|g| group.clone().map(move |plane| place(g, planes, plane)));
         let actual: Vec<f64> = places().map(|k| f64::from(actual[k])).collect();
         let expected: Vec<f64> = places().map(|k| expected[k]).collect();
         relative_difference(&actual, &expected)
     };
-    groups.map(of_group).fold(0.0, f64::max)
+    groups.map(group_difference).fold(0.0, f64::max)
 }
 
 /// Groups of planes in a splat's gradient.
@@ -521,7 +521,7 @@ fn assert_same_gradients(
 }
 
 #[test]
-fn gradients_of_gaussians_without_a_picture_are_those_of_their_attributes_alone() {
+fn gradients_of_gaussians_without_a_picture_are_only_those_of_their_attributes() {
     let Some(mut gpu) = executor() else { return };
     let scene = Scene::new(20, Layout::shaded(None), rules(ShadingRules::PAPER, Channels::Color), [17, 16], 4);
     let none = vec![0.0; 2 * BLOCK * (GEOMETRY + scene.channels())];
@@ -582,8 +582,7 @@ impl Numbers {
         self.grad.iter().filter(|x| !x.is_finite()).count()
     }
 
-    /// Some steps, one after the other, by what takes one; returns how many gradients were left
-    /// out.
+    /// Some steps, one after the other, by what takes one; returns how many gradients were skipped.
     fn step<E: Executor<Error: core::fmt::Debug>>(
         &self,
         exec: &mut E,

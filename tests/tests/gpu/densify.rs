@@ -89,7 +89,7 @@ impl HostScene {
         Self { gaussians, moments, statistics }
     }
 
-    /// Some numbers are none, or infinite.
+    /// Replaces some numbers by NaN or infinity.
     fn poisoned(mut self) -> Self {
         let scene = &mut self;
         for index in 0..scene.gaussians.count {
@@ -249,7 +249,7 @@ fn thresholds_lie_between_steps() {
     assert!(half_way(logit, STEP) && (sigmoid(logit) - RULES.opacity_min).abs() < 1e-6, "the least opacity");
 }
 
-/// Densifies on both executors; gives what the CPU makes of it.
+/// Densifies on both executors; returns the CPU's result.
 fn assert_densified_alike(
     gpu: &mut GpuExecutor,
     before: &HostScene,

@@ -1,4 +1,4 @@
-//! A device that goes away while it trains: whatever is asked of it says so, and nothing panics.
+//! A device that is lost during training: every call returns an error, and nothing panics.
 
 use core::time::Duration;
 use specula_core::{camera::Camera, random};
@@ -13,7 +13,7 @@ use specula_train::{
 use std::thread;
 
 const SIZE: u32 = 32;
-/// Times that a device goes away at some moment, and the longest that it lives.
+/// Number of times that a device is lost at some moment, and the longest that it lives.
 const TIMES: u64 = 8;
 const MILLISECONDS: u64 = 1500;
 

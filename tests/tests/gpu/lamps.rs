@@ -1,4 +1,4 @@
-//! Lamps on the device: each formula, pictures and what is refused, against the host and the CPU
+//! Lamps on the device: each formula, pictures and refused input, against the host and the CPU
 //! executor.
 
 use specula_core::{
@@ -31,7 +31,7 @@ use specula_tests::{
 };
 use specula_train::evaluate::render_view;
 
-/// Pictures in `f32` on two executors: 1e-5 is 100 dB; a pixel of which a ray meets the other of
+/// Pictures in `f32` on two executors: 1e-5 is 100 dB; a pixel of which a ray hits the other of
 /// two triangles brings a small picture down to 80 dB.
 const SAME_FRAME: f64 = 75.0;
 /// A picture whose light has 11 bits in each texel.

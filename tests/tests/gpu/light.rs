@@ -47,7 +47,7 @@ const SAME_SUM: f64 = 1e-6;
 /// the next.
 const SAME_SLOPE: f64 = 2e-4;
 /// A gradient of a pixel, as a share of its plane's root mean square and of itself: it divides by
-/// the coverage and by the length of a mean normal, so roundings of what was blended count more
+/// the coverage and by the length of a mean normal, so roundings of the blended values count more
 /// where either is small.
 const SAME_PIXEL: f64 = 1e-3;
 /// Share of the pixels that may be further apart. The slope of a bilinear mean jumps from texel to
@@ -223,7 +223,7 @@ impl Maps {
     }
 }
 
-/// One look at a light: direction, roughness, and the gradient of what is seen.
+/// One look at a light: direction, roughness, and the gradient of the radiance.
 fn looks(count: usize) -> Vec<[f32; 8]> {
     let draw = |index: usize, k: usize| match k {
         3 => 1.2 * uniform(31, k as u64, index as u64) - 0.1,
@@ -233,7 +233,7 @@ fn looks(count: usize) -> Vec<[f32; 8]> {
 }
 
 /// Gradient of a light lookup with respect to direction and roughness; adds that of the texels.
-fn look_vjp(maps: &Maps, texels: &[f32], look: &[f32; 8], is_irradiance: bool, of_texels: &mut [f64]) -> Vec<f64> {
+fn look_vjp(maps: &Maps, texels: &[f32], look: &[f32; 8], is_irradiance: bool, texel_grads: &mut [f64]) -> Vec<f64> {
     let numbers = look.map(f64::from);
     let seen = |input: &[Dual]| {
         let direction = Vec3 { x: input[0], y: input[1], z: input[2] };
@@ -250,7 +250,7 @@ fn look_vjp(maps: &Maps, texels: &[f32], look: &[f32; 8], is_irradiance: bool, o
     for (map, share) in shares {
         let (corners, [right, lower]) = maps.corners(vector::<Double>([numbers[0], numbers[1], numbers[2]]), map);
         for (corner, weight) in corners.into_iter().zip(bilinear_weights(right, lower)) {
-            (0..3).for_each(|c| of_texels[4 * corner + c] += share * weight.0 * numbers[4 + c]);
+            (0..3).for_each(|c| texel_grads[4 * corner + c] += share * weight.0 * numbers[4 + c]);
         }
     }
     pull_back(seen, &numbers[..4], &numbers[4..7])
@@ -335,7 +335,8 @@ fn nan_is_not_mostly_close() {
     assert_mostly_close(&[1.0, f64::NAN, 3.0], &[1.0, 2.0, 3.0], 0.01, 0.3);
 }
 
-/// Root mean square of the difference, as a share of that of what is expected; infinite for NaN.
+/// Root mean square of the difference, as a share of that of the expected numbers; infinite for
+/// NaN.
 fn difference(actual: &[f64], expected: &[f64]) -> f64 {
     assert_eq!(actual.len(), expected.len(), "lists of different lengths have no difference");
     let squared: f64 = actual.iter().zip(expected).map(|(a, e)| (a - e) * (a - e)).sum();
@@ -373,7 +374,7 @@ struct Scene {
 
 /// Gradients of a scene's pixels.
 struct Gradient {
-    /// Planes of what was blended, and their gradient.
+    /// Planes of the blended surface, and their gradient.
     blended: Vec<f32>,
     grad: Vec<f64>,
     /// Of the light's texels, and of the environment's numbers.
@@ -485,15 +486,15 @@ impl Scene {
             exec.shade_pixels_vjp(&frame, light.as_ref(), &self.camera, &self.rules, grad).expect("it goes back");
         let mut planes = vec![0.0; blended.len()];
         exec.planes_of(&frame, &grad, &mut planes);
-        let (mut of_light, mut of_environment) = (Vec::new(), Vec::new());
+        let (mut texel_grads, mut environment_grad) = (Vec::new(), Vec::new());
         if let (Some(light), Some(grad)) = (&light, &light_grad) {
-            of_light = exec.texels_of(grad);
+            texel_grads = exec.texels_of(grad);
             let grad = exec.prefilter_vjp(&environment, light, grad).expect("it goes back through the prefilter");
-            of_environment = vec![0.0; self.environment.values.len()];
-            exec.download(&grad, &mut of_environment).expect("a gradient can be read");
+            environment_grad = vec![0.0; self.environment.values.len()];
+            exec.download(&grad, &mut environment_grad).expect("a gradient can be read");
         }
         assert_eq!(light.is_some(), light_grad.is_some(), "there is a gradient of a light if there is one");
-        Gradient { blended, grad: to_f64(&planes), light: to_f64(&of_light), environment: to_f64(&of_environment) }
+        Gradient { blended, grad: to_f64(&planes), light: to_f64(&texel_grads), environment: to_f64(&environment_grad) }
     }
 
     /// The pixels that something covers in both pictures.
@@ -594,21 +595,21 @@ fn gives_back_what_plain_loops_do(gpu: &mut GpuExecutor, scene: &Scene) {
     if let Some(near_field) = &scene.near_field {
         light = light.around(near_field.clone());
     }
-    let (mut exact, mut of_light) = (image(&grad), plain::LightGrad::zero(&light));
+    let (mut exact, mut light_grad) = (image(&grad), plain::LightGrad::zero(&light));
     plain::shade_pixels_vjp(
         &image(&ours.blended),
         Some(&light),
         &scene.camera,
         &scene.rules,
         &mut exact,
-        Some(&mut of_light),
+        Some(&mut light_grad),
     );
     let flat = |texel: &Vec3<Double>| [texel.x.0, texel.y.0, texel.z.0, 0.0];
     let exact = Gradient {
         blended: ours.blended.clone(),
         grad: exact.values.iter().map(|x| x.0).collect(),
-        light: of_light.maps.iter().flatten().flat_map(flat).collect(),
-        environment: plain::prefilter_vjp(&environment, &operator, &of_light).iter().map(|x| x.0).collect(),
+        light: light_grad.maps.iter().flatten().flat_map(flat).collect(),
+        environment: plain::prefilter_vjp(&environment, &operator, &light_grad).iter().map(|x| x.0).collect(),
     };
     assert_same_gradient(scene, &ours, &exact);
 }
@@ -631,7 +632,7 @@ fn a_device_goes_back_to_the_same_bits_twice_and_whatever_it_did_before() {
 }
 
 #[test]
-fn a_gradient_that_is_no_number_reaches_the_light_as_on_the_cpu() {
+fn nan_gradients_reach_the_light_as_on_the_cpu() {
     let Some(mut gpu) = executor() else { return };
     let mut cpu = CpuExecutor::new();
     let scene = Scene::new(80, [70, 45], rules(Channels::Training, PrefilterScheme::Exact), 13);
@@ -725,15 +726,15 @@ fn network_there_and_back<E: Executor<Error: core::fmt::Debug>>(
 fn a_network_is_evaluated_there_and_back_as_on_the_cpu() {
     let Some(mut gpu) = executor() else { return };
     let mut cpu = CpuExecutor::new();
-    // The finer one has more texels than are gone back through at once.
+    // The finer one has more texels than one backward pass takes.
     for (resolution, seed) in [(16, 3), (64, 4)] {
         let network = random_environment(resolution, RadianceActivation::Network, seed);
         let expected = light_of(&mut cpu, &network, PrefilterScheme::Exact);
         let light = light_of(&mut gpu, &network, PrefilterScheme::Exact);
         let levels = to_f64(&gpu.read_light(&light).expect("a light can be read"));
-        let of_cpu = to_f64(expected.texels().as_flattened());
-        println!("{resolution}: levels {:.1e}", difference(&levels, &of_cpu));
-        assert_same_network(&levels, &of_cpu);
+        let cpu_levels = to_f64(expected.texels().as_flattened());
+        println!("{resolution}: levels {:.1e}", difference(&levels, &cpu_levels));
+        assert_same_network(&levels, &cpu_levels);
         let other = random_environment(resolution, RadianceActivation::Network, seed + 1);
         let other = light_of(&mut cpu, &other, PrefilterScheme::Exact);
         assert!(difference(&levels, &to_f64(other.texels().as_flattened())) > 1e-2, "the comparison can fail");
@@ -797,7 +798,7 @@ fn levels_of_a_network_that_are_not_kept_are_zero_and_the_others_the_same_bits()
 }
 
 #[test]
-fn what_is_no_network_is_refused_by_the_device() {
+fn the_device_refuses_invalid_networks() {
     let Some(mut gpu) = executor() else { return };
     let mut refused = |environment: &Environment<Vec<f32>>, scheme: PrefilterScheme| {
         let on_device = upload(&mut gpu, environment);

@@ -285,7 +285,7 @@ impl Scene {
         let report = self.exact_report(&frame, &target, &frozen);
         Exact { report, grad: grad.values.iter().map(|x| x.0).collect() }
     }
-    /// Whether the true picture has nothing brighter for this pixel.
+    /// Whether the true picture is white in this pixel.
     fn is_overexposed(&self, c: usize, pixel: usize) -> bool {
         self.weights.saturates && [c, 3].iter().all(|channel| self.rgba[4 * pixel + channel] == u8::MAX)
     }
@@ -306,7 +306,7 @@ impl Scene {
             background: self.background,
         }
     }
-    /// Each loss alone.
+    /// Each loss separately.
     fn exact_report(
         &self,
         frame: &Image<Vec<Double>>,
@@ -315,16 +315,16 @@ impl Scene {
     ) -> LossReport {
         let LossWeights { normal_form, saturates, .. } = self.weights;
         let none = LossWeights { normal_form, saturates, ..LossWeights::NONE };
-        let alone = |weights: LossWeights| frame_loss(frame, target, &self.camera, &weights, frozen).0;
+        let loss_of = |weights: LossWeights| frame_loss(frame, target, &self.camera, &weights, frozen).0;
         let keep = |value: f64, weight: f32| if weight == 0.0 { 0.0 } else { value };
         let weights = self.weights;
         let report = LossReport {
-            absolute: alone(LossWeights { absolute: 1.0, ..none }),
-            squared: alone(LossWeights { squared: 1.0, ..none }),
-            ssim: keep(1.0 - alone(LossWeights { dssim: 1.0, ..none }), weights.dssim),
-            normal: keep(alone(LossWeights { normal: 1.0, ..none }), weights.normal),
-            smoothness: keep(alone(LossWeights { smoothness: 1.0, ..none }), weights.smoothness),
-            coverage: keep(alone(LossWeights { coverage: 1.0, ..none }), weights.coverage),
+            absolute: loss_of(LossWeights { absolute: 1.0, ..none }),
+            squared: loss_of(LossWeights { squared: 1.0, ..none }),
+            ssim: keep(1.0 - loss_of(LossWeights { dssim: 1.0, ..none }), weights.dssim),
+            normal: keep(loss_of(LossWeights { normal: 1.0, ..none }), weights.normal),
+            smoothness: keep(loss_of(LossWeights { smoothness: 1.0, ..none }), weights.smoothness),
+            coverage: keep(loss_of(LossWeights { coverage: 1.0, ..none }), weights.coverage),
             ..LossReport::default()
         };
         report.with_total(&weights.where_possible(self.has_alpha(), self.channels() > channel::DEPTH))
@@ -355,8 +355,8 @@ impl Compared {
     }
 }
 
-/// Planes that belong together: colour, normal, depth, the size of residuals, what no loss looks
-/// at, transmittance.
+/// Planes that belong together: colour, normal, depth, the size of residuals, planes that no loss
+/// reads, transmittance.
 fn groups(channels: usize) -> Vec<(&'static str, Range<usize>)> {
     let all = [
         ("colour", 0..3),
@@ -369,7 +369,7 @@ fn groups(channels: usize) -> Vec<(&'static str, Range<usize>)> {
     all.into_iter().filter(|(_, planes)| planes.start < planes.end && planes.end <= channels + 1).collect()
 }
 
-/// Zeros for the tiles in which a picture shows nothing but its background: there nothing flows.
+/// Zeros for the tiles in which a picture shows nothing but its background: these have no gradient.
 fn where_rendered(scene: &Scene, frame: &[f32], grad: &[f64]) -> Vec<f64> {
     const SIZE: usize = 16;
     let ([width, _], count) = (scene.size(), scene.pixel_count());
@@ -402,7 +402,7 @@ fn assert_grad(what: &str, scene: &Scene, ours: &[f32], theirs: &[f64], toleranc
     }
 }
 
-/// The largest difference of two reports, each number as a share of what is expected; infinite for
+/// The largest difference of two reports, each number as a share of the expected one; infinite for
 /// NaN.
 fn difference_of_reports(ours: &LossReport, theirs: &LossReport) -> f64 {
     let numbers = |report: &LossReport| {
@@ -451,7 +451,7 @@ fn shaded() -> Layout {
     Layout::shaded(Some(1))
 }
 
-/// Every form of shading, plain Gaussians, colours alone; pictures of every shape; nothing, one and
+/// Every form of shading, plain Gaussians, only colours; pictures of every shape; nothing, one and
 /// many Gaussians. Those of one prefilter follow one another: executors keep the weights of one.
 fn scenes() -> Vec<(String, Scene)> {
     let [paper, deferred, official] =
@@ -511,8 +511,7 @@ fn losses_and_gradients_are_those_of_the_cpu() {
     }
 }
 
-/// Scenes of whose pictures nothing is known in places: a band from edge to edge, and single
-/// pixels.
+/// Scenes whose pictures are unknown in places: a band from edge to edge, and single pixels.
 fn torn_scenes() -> Vec<Scene> {
     let mut scenes: Vec<Scene> = scenes().into_iter().map(|(_, scene)| scene).collect();
     for scene in &mut scenes {
@@ -528,7 +527,7 @@ fn torn_scenes() -> Vec<Scene> {
 }
 
 #[test]
-fn what_is_unknown_of_a_picture_is_compared_alike_by_both() {
+fn both_executors_compare_unknown_pixels_alike() {
     let Some(mut gpu) = executor() else { return };
     let mut cpu = CpuExecutor::new();
     for (k, scene) in torn_scenes().iter().enumerate() {
@@ -541,7 +540,7 @@ fn what_is_unknown_of_a_picture_is_compared_alike_by_both() {
 }
 
 #[test]
-fn what_is_unknown_of_a_picture_counts_for_nothing() {
+fn unknown_pixels_have_no_loss() {
     let mut cpu = CpuExecutor::new();
     for scene in torn_scenes() {
         let compared = scene.on_cpu(&mut cpu);
@@ -587,10 +586,10 @@ fn overexposed_pixels_agree_with_anything_brighter() {
 }
 
 #[test]
-fn each_loss_alone_and_none_at_all_are_those_of_the_plain_pipeline() {
+fn single_losses_and_none_are_those_of_the_plain_pipeline() {
     let Some(mut gpu) = executor() else { return };
     let none = LossWeights::NONE;
-    let alone = [
+    let single = [
         none,
         LossWeights { absolute: 1.0, ..none },
         LossWeights { squared: 1.0, ..none },
@@ -601,7 +600,7 @@ fn each_loss_alone_and_none_at_all_are_those_of_the_plain_pipeline() {
         LossWeights { coverage: 1.0, ..none },
     ];
     let normals = FORMS.map(|normal_form| LossWeights { normal: 1.0, normal_form, ..none });
-    for (k, weights) in alone.into_iter().chain(normals).enumerate() {
+    for (k, weights) in single.into_iter().chain(normals).enumerate() {
         let rules = training(ShadingRules::DEFERRED);
         let scene = Scene { weights, ..Scene::new(60, shaded(), rules, [53, 38], Truth::Ellipse, 3) };
         let ours = scene.on_gpu(&mut gpu);
@@ -639,8 +638,8 @@ fn pictures_of_another_size_are_refused() {
 /// Some exposure that mixes all channels.
 const EXPOSURE: Exposure<f32> = [[0.8, 0.1, -0.05, 0.03], [0.02, 1.1, 0.07, -0.06], [-0.04, 0.05, 0.9, 0.1]];
 
-/// A picture before and after its exposure, the gradient of the photograph, and what the backward
-/// pass makes of it.
+/// A picture before and after its exposure, the gradient of the photograph, and the results of the
+/// backward pass.
 struct Exposed {
     before: Vec<f32>,
     after: Vec<f32>,
@@ -679,30 +678,30 @@ impl Scene {
         let (size, channels) = (self.pixel_count(), self.channels());
         let exposure = EXPOSURE.map(|row| row.map(|number| Double(f64::from(number))));
         let wide = |planes: &[f32]| planes.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>();
-        let (mut after, mut of_picture) = (wide(&exposed.before), wide(&exposed.of_photograph));
-        let mut of_exposure = [[0.0; 4]; 3];
+        let (mut after, mut picture_grad) = (wide(&exposed.before), wide(&exposed.of_photograph));
+        let mut exposure_grad = [[0.0; 4]; 3];
         for pixel in 0..size {
             let at = |planes: &[f64]| [0, 1, 2].map(|c| Double(planes[c * size + pixel]));
-            let ([r, g, b], [dr, dg, db]) = (at(&after), at(&of_picture));
+            let ([r, g, b], [dr, dg, db]) = (at(&after), at(&picture_grad));
             let coverage = Double(1.0 - after[channels * size + pixel]);
-            let (own, of_color, of_coverage) = expose_vjp(&exposure, vec3(r, g, b), coverage, vec3(dr, dg, db));
+            let (own, color_grad, coverage_grad) = expose_vjp(&exposure, vec3(r, g, b), coverage, vec3(dr, dg, db));
             let shown = expose(&exposure, vec3(r, g, b), coverage).to_array();
-            for (c, (shown, grad)) in shown.into_iter().zip(of_color.to_array()).enumerate() {
-                (after[c * size + pixel], of_picture[c * size + pixel]) = (shown.0, grad.0);
+            for (c, (shown, grad)) in shown.into_iter().zip(color_grad.to_array()).enumerate() {
+                (after[c * size + pixel], picture_grad[c * size + pixel]) = (shown.0, grad.0);
             }
-            of_picture[channels * size + pixel] -= of_coverage.0;
-            let sums = of_exposure.as_flattened_mut().iter_mut();
+            picture_grad[channels * size + pixel] -= coverage_grad.0;
+            let sums = exposure_grad.as_flattened_mut().iter_mut();
             sums.zip(own.as_flattened()).for_each(|(sum, own)| *sum += own.0);
         }
-        (after, of_picture, of_exposure)
+        (after, picture_grad, exposure_grad)
     }
 
     #[track_caller]
     fn assert_exposed(&self, what: &str, exposed: &Exposed) {
-        let (after, of_picture, of_exposure) = self.expose_exactly(exposed);
+        let (after, picture_grad, exposure_grad) = self.expose_exactly(exposed);
         assert_grad(&format!("{what}, photograph"), self, &exposed.after, &after, SAME_GRADIENT);
-        assert_grad(&format!("{what}, gradient"), self, &exposed.of_picture, &of_picture, SAME_GRADIENT);
-        let apart = relative_difference(exposed.of_exposure.as_flattened(), of_exposure.as_flattened());
+        assert_grad(&format!("{what}, gradient"), self, &exposed.of_picture, &picture_grad, SAME_GRADIENT);
+        let apart = relative_difference(exposed.of_exposure.as_flattened(), exposure_grad.as_flattened());
         assert!(apart <= SAME_GRADIENT, "{what}: the exposure's gradient is {apart:e} apart");
     }
 }
@@ -722,7 +721,7 @@ fn photographs_are_exposed_as_core_says_and_so_are_their_gradients() {
     }
 }
 
-/// Normals are smoothed by the gloss of the scene, not by that of the photograph.
+/// Normals are smoothed by the gloss of the scene before exposure, not of the photograph.
 #[test]
 fn an_exposure_changes_nothing_of_smooth_normals() {
     fn assert_same_smoothness<E: Executor<Error: core::fmt::Debug>>(exec: &mut E, what: &str, scene: &Scene) -> f64 {
@@ -747,7 +746,7 @@ fn an_exposure_changes_nothing_of_smooth_normals() {
 }
 
 #[test]
-fn losses_alone_are_the_same_on_both_executors() {
+fn losses_of_normals_are_equal_on_both_executors() {
     let Some(mut gpu) = executor() else { return };
     let mut cpu = CpuExecutor::new();
     for weights in
@@ -764,7 +763,7 @@ fn losses_alone_are_the_same_on_both_executors() {
 }
 
 #[test]
-fn colours_as_they_are_change_no_bit() {
+fn identity_exposures_change_no_bit() {
     let mut cpu = CpuExecutor::new();
     for (what, scene) in scenes() {
         let frame = scene.frame(&mut cpu);

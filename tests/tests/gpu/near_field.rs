@@ -1,5 +1,5 @@
-//! Reflected rays on the device: each formula, pictures and what is refused, against the host and
-//! the CPU executor. Gradients are beside those of other lights.
+//! Reflected rays on the device: each formula, pictures and refused input, against the host and the
+//! CPU executor. Gradients are beside those of other lights.
 
 use specula_core::{
     executor::Renderer,
@@ -30,7 +30,7 @@ use specula_tests::{
 };
 use specula_train::evaluate::render_view;
 
-/// Pictures in `f32` on two executors: 1e-5 is 100 dB; a pixel whose ray meets the other of two
+/// Pictures in `f32` on two executors: 1e-5 is 100 dB; a pixel whose ray hits the other of two
 /// triangles brings a small picture down to 80 dB.
 const SAME_FRAME: f64 = 75.0;
 /// A picture whose light has 11 bits in each texel.

@@ -32,7 +32,7 @@ use specula_tests::{
 
 /// As for the order of means, but for pixels in which two splats are equally deep up to rounding.
 const SAME_FRAME: f64 = 70.0;
-/// As [`SAME_FRAME`] in extreme scenes, where more pixels hang on rounding.
+/// As [`SAME_FRAME`] in extreme scenes, where more pixels depend on rounding.
 const EXTREME_FRAME: f64 = 45.0;
 /// Layers of a stack: many more than a pass of the exact order selects. llvmpipe renders 600
 /// exactly and is wrong from some thousands on: 5000 are 26.6 dB from the CPU.
@@ -95,14 +95,14 @@ fn both_executors_render_the_same_pictures_in_every_order() {
     let camera = camera(70, 45);
     for (count, channels) in [(300, Channels::Training), (2000, Channels::Color)] {
         let cloud = random_cloud(count, LAYOUT, 3);
-        let of_means = picture(&mut on_cpu(Mean), &cloud, &camera, channels);
+        let by_means = picture(&mut on_cpu(Mean), &cloud, &camera, channels);
         for order in ORDERS {
             gpu.set_order(order);
             let ours = picture(&mut gpu, &cloud, &camera, channels);
             let theirs = picture(&mut on_cpu(order), &cloud, &camera, channels);
             println!("{count}, {order:?}: {:.1} dB", psnr(&ours, &theirs));
             assert_psnr(&ours, &theirs, SAME_FRAME);
-            assert!(order != Pixel || psnr(&theirs, &of_means) < 45.0, "orders differ");
+            assert!(order != Pixel || psnr(&theirs, &by_means) < 45.0, "orders differ");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The GPU executor against the CPU executor at the edges of what is valid.
+//! The GPU executor against the CPU executor at the limits of valid input.
 
 use specula_core::{
     executor::{Executor, Renderer},
@@ -17,13 +17,12 @@ use specula_tests::{
 /// By how much numbers are moved to see what their rounding does: 16 units in the last place, more
 /// than a formula of some dozen operations loses.
 const NUDGE: f32 = 1e-6;
-/// Number of nudges: a decision that hangs on rounding falls the same way every time once in 65
-/// 536.
+/// Number of nudges: a decision that depends on rounding is the same every time once in 65 536.
 const NUDGES: u64 = 16;
 /// Further allowance of some hundred roundings of the result itself.
 const ROUNDINGS: f64 = 2e-5;
-/// The most of a picture, or of a gradient, that may hang on rounding: pixels where a splat ends,
-/// numbers that are sums of what cancels, a loss of normals.
+/// Largest share of a picture, or of a gradient, that may depend on rounding: pixels where a splat
+/// ends, numbers that are sums of what cancels, a loss of normals.
 const LOOSE_MAX: f64 = 0.05;
 
 /// Allowed distance of the executors.
@@ -31,7 +30,7 @@ const LOOSE_MAX: f64 = 0.05;
 struct Allowance {
     /// Multiple of the distance that nudges move a result.
     as_far: f64,
-    /// Smaller numbers need not be kept.
+    /// Smaller numbers may become zero.
     negligible: f64,
 }
 
@@ -54,8 +53,9 @@ fn reach<'a>(expected: &[f64], nudged: impl Iterator<Item = &'a Vec<f64>>) -> Ve
     })
 }
 
-/// The number that is furthest off, and its difference as a multiple of what is allowed: some times
-/// what rounding moves it by, and some roundings of its own. Infinite for what is not finite.
+/// The number that is furthest off, and its difference as a multiple of the allowed one: a multiple
+/// of its change by rounding, and some roundings of its own. Infinite for numbers that are not
+/// finite.
 fn excess(actual: &[f64], expected: &[f64], reach: &[f64], allowance: Allowance) -> (usize, f64) {
     assert_eq!(actual.len(), expected.len(), "lists of different lengths cannot be close");
     let of = |k: usize| {
@@ -66,8 +66,8 @@ fn excess(actual: &[f64], expected: &[f64], reach: &[f64], allowance: Allowance)
     (0..actual.len()).map(|k| (k, of(k))).fold((0, 0.0), |most, own| if own.1 > most.1 { own } else { most })
 }
 
-/// The share of the numbers that nudges move by more than a hundredth of themselves: nothing can be
-/// said of them.
+/// The share of the numbers that nudges move by more than a hundredth of themselves, which are not
+/// compared.
 fn share_loose(expected: &[f64], reach: &[f64]) -> f64 {
     let loose = expected.iter().zip(reach).filter(|(x, reach)| **reach > 0.01 * x.abs()).count();
     loose as f64 / expected.len().max(1) as f64
@@ -88,7 +88,7 @@ fn the_comparison_can_fail() {
         assert!(on_software(wrong).1 > 1.0, "{wrong:?} is wrong");
     }
     let [lost, found] = [1e-20, 1e-18].map(|x| on_hardware([1.0, 2.0, x]));
-    assert!(lost < 1.0 && found > 1.0, "hardware may lose small numbers alone: {lost} and {found}");
+    assert!(lost < 1.0 && found > 1.0, "hardware may lose only small numbers: {lost} and {found}");
     let [near, far] = [2.7, 2.9].map(|x| on_hardware([1.0, x, 0.0]));
     assert!(near < 1.0 && far > 1.0, "hardware may be twice as far off and no more: {near} and {far}");
 }
@@ -112,8 +112,8 @@ fn faults(gpu: &mut GpuExecutor, cpu: &mut CpuExecutor, case: &Case, shading: Sh
             faults.push(format!("{what}: {loose} of the {list} hang on rounding"));
         }
         if excess > 1.0 {
-            let of_list = format!("number {k} of the {list} is {} and not {}", actual[k], expected[k]);
-            faults.push(format!("{what}: {of_list}, {excess:.1} times as far off as allowed"));
+            let list_fault = format!("number {k} of the {list} is {} and not {}", actual[k], expected[k]);
+            faults.push(format!("{what}: {list_fault}, {excess:.1} times as far off as allowed"));
         }
     }
     if (ours.nonfinite, theirs.nonfinite) != (0, 0) {
@@ -153,9 +153,9 @@ fn poisoned(plane: usize, number: f32) -> [Gaussians<Vec<f32>>; 2] {
     [cloud, rest]
 }
 
-/// On a device whose compiler may take every number for finite.
+/// On a device whose compiler may assume that every number is finite.
 #[test]
-fn what_is_not_finite_is_left_out_on_a_device_to_the_last_bit() {
+fn nonfinite_gaussians_are_skipped_on_a_device_to_the_last_bit() {
     let Some(mut gpu) = executor() else { return };
     let light = random_environment(RESOLUTION, RadianceActivation::Exponential, 3);
     let numbers = |plane: usize| [POISON[0], POISON[1 + plane % 4]];

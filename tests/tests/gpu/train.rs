@@ -25,7 +25,7 @@ use specula_tests::{
 };
 use specula_train::{
     evaluate::{mean_quality, measure_view, render_view},
-    exchange::{PATIENCE, threads},
+    exchange::{RANK_TIMEOUT, threads},
     profile::{Profile, by_name, exposure_rate},
     start::Point,
     trainer::{HostScene, Settings, Trainer},
@@ -68,7 +68,7 @@ fn views(numbers: RangeInclusive<usize>) -> Vec<View> {
     numbers.map(view).collect()
 }
 
-/// A cloud that shines, seen from a place on a circle around it.
+/// Rendered view of a cloud from a place on a circle around it.
 fn rendered_view(exec: &mut CpuExecutor, light: &Light, rules: &RenderRules, number: usize) -> View {
     let turn = number as f32 * 0.7;
     let eye = glam::Vec3::new(3.0 * turn.cos(), 3.0 * turn.sin(), 1.0);
@@ -88,8 +88,8 @@ fn settings(name: &str) -> Settings {
     settings_for(name, ITERATIONS)
 }
 
-/// Lets the rates of the default profile fall to a tenth, as in trainings of 7000 iterations: how
-/// far the last steps of shorter ones scatter is not what executors are compared by.
+/// Lets the rates of the default profile fall to a tenth, as in trainings of 7000 iterations: the
+/// scatter of the last steps of shorter ones is not to be compared.
 fn settle(profile: &mut Profile, iterations: u32) {
     if profile.name == "specula" {
         profile.rates = profile.rates.falling(0.1, iterations);
@@ -197,8 +197,8 @@ fn trainings_that_densify_end_as_good_as_they_do_when_their_points_are_moved_a_l
     println!("{ours:.3} and {qualities:.3?} dB, {} and {counts:?} Gaussians", grown.gaussians.count);
     let [least, most] = within(low, high);
     assert!(least < ours && ours < most, "{ours} dB on the GPU, {qualities:?} on the CPU");
-    let of_counts = counts.iter().map(|count| *count as f64);
-    let [least, most] = within(of_counts.clone().fold(f64::INFINITY, f64::min), of_counts.fold(0.0, f64::max));
+    let wide_counts = counts.iter().map(|count| *count as f64);
+    let [least, most] = within(wide_counts.clone().fold(f64::INFINITY, f64::min), wide_counts.fold(0.0, f64::max));
     let count = grown.gaussians.count as f64;
     assert!(least < count && count < most, "{count} Gaussians on the GPU, {counts:?} on the CPU");
 }
@@ -252,7 +252,7 @@ fn two_ranks_with_a_device_each_train_as_one_does_to_the_last_bit() {
     let plan = &mut settings.profile.densification;
     (plan.from, plan.every) = (0, 5);
     let (expected, _) = train(gpu, settings.clone(), STEPS);
-    let ranks = threads(2, PATIENCE).into_iter().map(|exchange| {
+    let ranks = threads(2, RANK_TIMEOUT).into_iter().map(|exchange| {
         let settings = settings.clone();
         std::thread::spawn(move || {
             let exec = executor().expect("there was one before");
@@ -329,10 +329,9 @@ fn a_step_waits_for_the_device_once() {
     let waits = RefCell::new(Vec::new());
     train_with(gpu, settings("specula"), &points(0), 12, |exec, _| waits.borrow_mut().push(exec.gpu().waits()));
     let waits = waits.into_inner();
-    let of_steps: Vec<usize> = waits.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    // The first step cannot go by any other; some may find out that others need more than those
-    // before.
-    assert!(of_steps.iter().filter(|waits| **waits == 1).count() >= 8, "{of_steps:?}");
+    let step_waits: Vec<usize> = waits.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    // The first step has none before it; some may find out that others need more than those before.
+    assert!(step_waits.iter().filter(|waits| **waits == 1).count() >= 8, "{step_waits:?}");
 }
 
 #[test]
@@ -354,12 +353,12 @@ fn a_step_without_room_changes_nothing_and_says_so() {
         let splats = gpu.project(&gaussians, &camera).expect("the device projects");
         gpu.bin_for_step(&splats, &camera).expect("the device sorts");
         let planes = GEOMETRY + 3;
-        let of_splats = upload(&mut gpu, &vec![1.0; count.next_multiple_of(BLOCK) * planes]);
-        let of_splats = SplatGrads::new(3, of_splats);
-        gpu.observe(&mut statistics, &splats, &of_splats, &camera).expect("the device adds");
+        let splat_grads = upload(&mut gpu, &vec![1.0; count.next_multiple_of(BLOCK) * planes]);
+        let splat_grads = SplatGrads::new(3, splat_grads);
+        gpu.observe(&mut statistics, &splats, &splat_grads, &camera).expect("the device adds");
         let grad = Gaussians { count: *count, layout: *layout, values: upload(&mut gpu, &grad) };
         gpu.optimise(&mut gaussians, &mut moments, grad, &vec![0.1; layout.plane_count()], 1).expect("it steps");
-        // The first of both finds out how many bits tell depths apart as well.
+        // The first of both also finds the number of bits that distinguish depths.
         let report = gpu.report().expect("the device tells");
         let mut now = [values.clone(), zeros[..*count].to_vec()];
         gpu.download(&gaussians.values, &mut now[0]).expect("numbers come back");
@@ -376,8 +375,7 @@ fn a_step_without_room_changes_nothing_and_says_so() {
 
 /// Steps until exposures are found: each photograph comes fifteen times.
 const EXPOSED_ITERATIONS: u32 = 300;
-/// By so much unseen views are better at least where it is learned how photographs were exposed, in
-/// dB.
+/// Least gain of unseen views by learned exposures, in dB.
 const GAINED: f64 = 3.0;
 /// Remaining error of an estimated exposure, a root mean square.
 const UNEXPLAINED: f32 = 0.2;
@@ -395,7 +393,7 @@ fn exposure_of(number: usize) -> Exposure<f32> {
     [0, 1, 2].map(|row| [0, 1, 2, 3].map(|k| entry(row, k)))
 }
 
-/// The mean of how the photographs that are learned from were exposed.
+/// Mean exposure of the training photographs.
 fn mean_exposure() -> Exposure<f32> {
     let mut mean = [[0.0; 4]; 3];
     for number in 1..=VIEWS {
@@ -426,8 +424,8 @@ fn photograph(number: usize, exposure: &Exposure<f32>) -> View {
     view
 }
 
-/// By how much photographs differ from what the scene and the exposures that were found say, as a
-/// share of how they differ from the scene alone.
+/// Difference of the photographs from the scene under the exposures that were found, as a share of
+/// their difference from the scene.
 fn unexplained(found: &[Exposure<f32>]) -> f32 {
     let mean = mean_exposure();
     let (mut rest, mut all) = (0.0, 0.0);
@@ -444,7 +442,7 @@ fn unexplained(found: &[Exposure<f32>]) -> f32 {
 }
 
 #[test]
-fn exposures_are_found_and_leave_the_scene_its_look() {
+fn exposures_are_found_and_leave_the_scene_unchanged() {
     let mean = mean_exposure();
     let differently: Vec<View> = (1..=VIEWS).map(|number| photograph(number, &exposure_of(number))).collect();
     let unseen: Vec<View> = (VIEWS + 1..=VIEWS + UNSEEN).map(|number| photograph(number, &mean)).collect();

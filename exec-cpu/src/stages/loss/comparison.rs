@@ -29,7 +29,7 @@ pub struct Target {
     is_empty: Vec<bool>,
     /// Whether any pixel is not opaque.
     pub(super) has_alpha: bool,
-    /// Whether nothing is known of some pixel.
+    /// Whether any pixel is unknown.
     pub(super) has_unknown: bool,
 }
 
@@ -62,7 +62,7 @@ impl Target {
         }
     }
 
-    /// One for the pixels of a quad of which something is known, zero for others.
+    /// One for the known pixels of a quad, zero for others.
     #[inline(always)]
     pub(super) fn known<S: Simd>(&self, simd: S, [column, row]: [usize; 2], quad: usize) -> Lanes<S> {
         let quad = &self.quads[(row * self.columns + column) * QUADS + quad];
@@ -91,7 +91,7 @@ pub(super) struct Comparison<'a> {
 /// Farther than any window reaches.
 pub(super) const FAR: u32 = 3;
 
-/// Planes that windows look at.
+/// Planes that windows read.
 pub(super) mod plane {
     /// The rendered colour over the background.
     pub(in crate::stages::loss) const RENDERED: usize = 0;
@@ -145,8 +145,7 @@ pub(super) fn distances(context: &Context, frame: &Frame, target: &Target) -> Bu
     if distance.is_empty() {
         return distance;
     }
-    // The larger of two distances along rows and columns: rows first, then columns of what that
-    // gives.
+    // The larger of two distances along rows and columns: rows first, then columns of the result.
     for row in distance.chunks_exact_mut(columns) {
         spread_distance(row, columns, 1);
     }
@@ -157,7 +156,7 @@ pub(super) fn distances(context: &Context, frame: &Frame, target: &Target) -> Bu
     distance
 }
 
-/// Lets every distance be at most one more than its neighbour's, forwards and backwards.
+/// Limits every distance to one more than its neighbour's, forwards and backwards.
 fn spread_distance(distance: &mut [u32], count: usize, step: usize) {
     for k in 1..count {
         distance[k * step] = distance[k * step].min(distance[(k - 1) * step] + 1);

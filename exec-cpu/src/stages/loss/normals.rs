@@ -27,8 +27,8 @@ pub(super) fn normal_loss(comparison: &Comparison<'_>, planes: &Planes, grad: &m
     let cover = &frame.cover;
     let len = tile_len(frame.channels);
     // Gradients of the depths to the left, right, above and below of each pixel.
-    let mut of_neighbours = Planes::new(context, [cover.columns, cover.rows], 4);
-    let (rows, rows_of) = of_neighbours.parts();
+    let mut grad_neighbours = Planes::new(context, [cover.columns, cover.rows], 4);
+    let (rows, rows_of) = grad_neighbours.parts();
     let grad_of = comparison.grad_starts();
     let parts = (Pieces::new(grad, &grad_of), Pieces::new(rows, &rows_of));
     let [sum, ..] = comparison.each_tile_row(parts, |row, (grad, rows)| {
@@ -40,7 +40,7 @@ pub(super) fn normal_loss(comparison: &Comparison<'_>, planes: &Planes, grad: &m
         [sums.sum(), 0.0, 0.0, 0.0]
     });
     grad.par_chunks_mut(len).enumerate().for_each(|(slot, tile)| {
-        dispatch!(context.level, simd => gather(simd, comparison, planes, &of_neighbours, slot, tile));
+        dispatch!(context.level, simd => gather(simd, comparison, planes, &grad_neighbours, slot, tile));
     });
     sum / comparison.pixel_count() as f64
 }
@@ -57,7 +57,7 @@ fn cross<S: Simd>(simd: S, window: &[WideRow; ROWS], row: usize) -> Cross<Lanes<
     }
 }
 
-/// Sum of the normal loss over a tile; adds the gradients of its normals, and leaves those of its
+/// Sum of the normal loss over a tile; adds the gradients of its normals, and stores those of its
 /// neighbours' depths.
 #[inline(always)]
 fn compare_tile<S: Simd>(
@@ -94,14 +94,14 @@ fn compare_tile<S: Simd>(
                 coverage: a,
             };
             let weight_grad = weight * (weights.normal / comparison.pixel_count() as f32);
-            let (value, grad_rendered, of_depths) =
+            let (value, grad_rendered, grad_cross) =
                 loss_of_normal(weights.normal_form, &camera.camera_from_world, &patch, weight_grad);
             sum = sum + (value * weight).keep(is_on);
             grad_depths = [
-                of_depths.left.keep(is_on),
-                of_depths.right.keep(is_on),
-                of_depths.above.keep(is_on),
-                of_depths.below.keep(is_on),
+                grad_cross.left.keep(is_on),
+                grad_cross.right.keep(is_on),
+                grad_cross.above.keep(is_on),
+                grad_cross.below.keep(is_on),
             ];
             for (c, lanes) in [grad_rendered.x, grad_rendered.y, grad_rendered.z].into_iter().enumerate() {
                 add_to_row(grad, frame.channels, channel::NORMAL + c, row, &lanes.keep(is_on).to_array());
@@ -129,7 +129,7 @@ fn gather<S: Simd>(
     simd: S,
     comparison: &Comparison<'_>,
     planes: &Planes,
-    of_neighbours: &Planes,
+    grad_neighbours: &Planes,
     slot: usize,
     grad: &mut [Quad],
 ) {
@@ -137,7 +137,7 @@ fn gather<S: Simd>(
     let position = cover.tile_position(slot);
     let mut windows = [[[0.0; 2 * SIZE]; ROWS]; 4];
     for (plane, window) in windows.iter_mut().enumerate() {
-        of_neighbours.read_window(position, plane, |tile| cover.slot(tile).is_some(), window);
+        grad_neighbours.read_window(position, plane, |tile| cover.slot(tile).is_some(), window);
     }
     let [left, right, above, below] = &windows;
     let (coverage, depth) = (planes.plane(position, plane::COVERAGE), planes.plane(position, plane::DEPTH));

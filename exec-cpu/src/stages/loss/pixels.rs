@@ -1,4 +1,4 @@
-//! Losses that look at one pixel at a time: colour and coverage.
+//! Losses of single pixels: colour and coverage.
 
 use super::comparison::{Comparison, FAR, plane, read_target};
 use crate::{
@@ -19,13 +19,13 @@ use specula_core::{
 };
 
 impl Comparison<'_> {
-    /// Whether windows look at coverage and depth.
+    /// Whether windows read coverage and depth.
     fn looks_at_surfaces(&self) -> bool {
         self.weights.normal != 0.0 || self.weights.smoothness != 0.0
     }
 
-    /// Losses that look at one pixel at a time, and their gradients: colour and coverage. Writes
-    /// what windows will look at as well.
+    /// Losses of single pixels, colour and coverage, and their gradients. Also writes the planes
+    /// that windows read.
     pub(super) fn pixel_losses(&self, grad: &mut [Quad]) -> (LossReport, Planes) {
         let cover = &self.frame.cover;
         let count = if self.looks_at_surfaces() {
@@ -75,8 +75,8 @@ impl Comparison<'_> {
         [f64::from(sums[0].sum()), f64::from(sums[1].sum()), f64::from(sums[2].sum()), 0.0]
     }
 
-    /// Losses of a quad; returns what its planes hold, zero outside the picture and where nothing
-    /// is known of it.
+    /// Losses of a quad; returns the values of its planes, zero outside the picture and in unknown
+    /// pixels.
     #[inline(always)]
     fn quad_losses<S: Simd>(
         &self,
@@ -96,11 +96,10 @@ impl Comparison<'_> {
         let [truth @ .., alpha] =
             read_target(simd, &target.quads[(position[1] * target.columns + position[0]) * QUADS + quad]);
         let share = |weight: f32, values: usize| inside * (weight / (values * self.pixel_count()) as f32);
-        let (of_absolute, of_squared) = (share(weights.absolute, 3), share(weights.squared, 3));
-        let of_channel =
-            |slot: usize, channel: usize| Lanes::load(simd, &frame.tile(slot)[at(channels, quad, channel)]);
+        let (share_absolute, share_squared) = (share(weights.absolute, 3), share(weights.squared, 3));
+        let load = |slot: usize, channel: usize| Lanes::load(simd, &frame.tile(slot)[at(channels, quad, channel)]);
         let passed = match slot {
-            Some(slot) => of_channel(slot, channels),
+            Some(slot) => load(slot, channels),
             None => inside.constant(1.0),
         };
         let mut pixels = [inside.zero(); 8];
@@ -115,7 +114,8 @@ impl Comparison<'_> {
             sums[0] = sums[0] + absolute(rendered, truth);
             sums[1] = sums[1] + squared(rendered, truth);
             if let Some(grad) = &mut grad {
-                let color_grad = absolute_vjp(rendered, truth, of_absolute) + squared_vjp(rendered, truth, of_squared);
+                let color_grad =
+                    absolute_vjp(rendered, truth, share_absolute) + squared_vjp(rendered, truth, share_squared);
                 color_grad.store(&mut grad[at(channels, quad, c)]);
             }
             (pixels[plane::RENDERED + c], pixels[plane::TRUTH + c]) = (rendered, truth);
@@ -126,23 +126,23 @@ impl Comparison<'_> {
         }
         if let (Some(grad), Some(slot)) = (grad, slot) {
             grad[at(channels, quad, 3)..at(channels, quad, 3) + channels - 3].fill([0.0; BLOCK]);
-            let of_coverage = absolute_vjp(coverage, alpha, share(weights.coverage, 1))
+            let grad_coverage = absolute_vjp(coverage, alpha, share(weights.coverage, 1))
                 + sparse_coverage_vjp(coverage, share(weights.sparse_coverage, 1));
-            (-of_coverage).store(&mut grad[at(channels, quad, channels)]);
+            (-grad_coverage).store(&mut grad[at(channels, quad, channels)]);
             if weights.residual_image != 0.0 {
-                let of_residual = coverage * share(weights.residual_image, 1);
-                of_residual.store(&mut grad[at(channels, quad, channel::RESIDUAL_SIZE)]);
+                let grad_residual = coverage * share(weights.residual_image, 1);
+                grad_residual.store(&mut grad[at(channels, quad, channel::RESIDUAL_SIZE)]);
             }
             if self.looks_at_surfaces() {
-                let depth = expected_depth(of_channel(slot, channel::DEPTH), coverage);
+                let depth = expected_depth(load(slot, channel::DEPTH), coverage);
                 (pixels[plane::COVERAGE], pixels[plane::DEPTH]) = (coverage, depth.keep(is_surface(coverage)));
             }
         }
         pixels
     }
 
-    /// Gradient of the transmittance through the background. Windows of SSIM reach pixels of which
-    /// nothing is known, but these have no gradient.
+    /// Gradient of the transmittance through the background. Windows of SSIM reach unknown pixels,
+    /// but these have no gradient.
     pub(super) fn background_vjp(&self, grad: &mut [Quad]) {
         let channels = self.frame.channels;
         grad.par_chunks_mut(tile_len(channels)).enumerate().for_each(|(slot, tile)| {

@@ -27,11 +27,11 @@ use specula_core::{
 
 /// Pixels from one to the farthest neighbour that its normal is compared with.
 const REACH: usize = REACHES[1];
-/// Pixels from one to the farthest whose normal a blurred one contains.
+/// Pixels from one to the farthest whose normal affects its weight.
 const WEIGHT_REACH: usize = CREASE_REACH + BLUR_REACH;
-/// Rows around a tile that weights look at.
+/// Rows around a tile that weights read.
 const WEIGHT_ROWS: usize = SIZE + 2 * WEIGHT_REACH;
-/// Rows around a tile that gradients look at: the far ends of lines whose near end is a pixel.
+/// Rows around a tile that gradients read: the far ends of lines whose near end is a pixel.
 const GRAD_ROWS: usize = SIZE + 4 * REACH;
 /// Rows that blurred normals are centred at.
 const BLURRED_ROWS: usize = WEIGHT_ROWS - 2 * BLUR_REACH;
@@ -265,7 +265,7 @@ fn gather<S: Simd>(
         if !share.keep(is_surface).any_positive() {
             continue;
         }
-        let mut of_unit = Vec3::zero(share);
+        let mut grad_unit = Vec3::zero(share);
         for reach in REACHES {
             for axis in 0..2 {
                 // The middle of the line lies before the pixel, at it, or behind it.
@@ -277,12 +277,12 @@ fn gather<S: Simd>(
                     let weight = Lanes::load(simd, &all_weights[(row + REACH).wrapping_add_signed(down)][start..]);
                     let view_dir = view_dir(simd, &camera, position, row, [right, down]);
                     let slope = bending_vjp(&line, view_dir, weight, share);
-                    of_unit = if shift == 0 { of_unit - (slope + slope) } else { of_unit + slope };
+                    grad_unit = if shift == 0 { grad_unit - (slope + slope) } else { grad_unit + slope };
                 }
             }
         }
-        let of_blended = unit_normal_vjp(blended_normal(simd, frame, slot, row), is_surface, of_unit);
-        for (component, lanes) in of_blended.to_array().into_iter().enumerate() {
+        let grad_blended = unit_normal_vjp(blended_normal(simd, frame, slot, row), is_surface, grad_unit);
+        for (component, lanes) in grad_blended.to_array().into_iter().enumerate() {
             add_to_row(grad, frame.channels, channel::NORMAL + component, row, &lanes.to_array());
         }
     }

@@ -15,12 +15,12 @@ use specula_core::loss::{
 
 /// Half of SSIM's window.
 const REACH: usize = SSIM_WINDOW / 2;
-/// Rows that the windows of a tile look at.
+/// Rows that the windows of a tile read.
 const ROWS: usize = SIZE + 2 * REACH;
 
 /// Mean SSIM; adds its gradient.
 ///
-/// Tiles in which both pictures show the background alone are left out: their SSIM is one and its
+/// Tiles in which both pictures show only the background are skipped: their SSIM is one and its
 /// gradient zero.
 pub(super) fn structure_loss(comparison: &Comparison<'_>, planes: &Planes, grad: &mut [Quad]) -> f64 {
     let Comparison { context, frame, weights, .. } = comparison;
@@ -30,7 +30,8 @@ pub(super) fn structure_loss(comparison: &Comparison<'_>, planes: &Planes, grad:
     let (rows, rows_of) = partials.parts();
     let factor = -weights.dssim / values as f32;
     let [sum, ..] = comparison.each_tile_row(Pieces::new(rows, &rows_of), |row, partials| {
-        // A colour after the other: so what neighbouring tiles share is still near.
+        // One colour after the other, so that the data that neighbouring tiles share is still in
+        // the cache.
         let colors = partials.only().chunks_exact_mut(3 * cover.columns * SIZE).enumerate();
         let sums = colors.map(|(c, partials)| {
             dispatch!(context.level, simd => compare_row(simd, comparison, planes, row, c, factor, partials))
@@ -66,26 +67,26 @@ fn window_lanes<S: Simd>(simd: S) -> Window<S> {
     lanes
 }
 
-/// Windows down the columns of a row of tiles, of the tile that is looked at and its
-/// neighbours. What is pushed now is read a tile later: by then it has reached the cache, where
-/// a vector may begin anywhere.
+/// Windows down the columns of a row of tiles, of the current tile and its neighbours. Values are
+/// read one tile after they are pushed: by then they are in the cache, where a vector may begin
+/// anywhere.
 struct Strip<const PLANES: usize> {
     rows: [[[f32; STRIP_TILES * SIZE]; SIZE]; PLANES],
-    /// Tiles that it holds; the last but one is looked at.
+    /// Tiles that it holds; the last but one is the current one.
     tiles: usize,
 }
 
-/// Capacity of a strip in tiles, before it begins anew.
+/// Capacity of a strip in tiles, before it starts again.
 const STRIP_TILES: usize = 8;
 
 impl<const PLANES: usize> Strip<PLANES> {
-    /// Left of the picture there is nothing.
+    /// Strip left of the picture: zeros.
     #[inline(always)]
     fn new() -> Self {
         Self { rows: [[[0.0; STRIP_TILES * SIZE]; SIZE]; PLANES], tiles: 1 }
     }
 
-    /// Takes in the next tile: windows down the columns of these rows, or zeros.
+    /// Pushes the next tile: windows down the columns of these rows, or zeros.
     #[inline(always)]
     fn push<S: Simd>(&mut self, window: &Window<S>, rows: Option<&[[Lanes<S>; PLANES]; ROWS]>) {
         const KEPT: usize = 2;
@@ -157,7 +158,7 @@ fn compare_row<S: Simd>(
     sum
 }
 
-/// x, y, x² + y² and x y in the columns of a tile, of all rows that its windows look at.
+/// x, y, x² + y² and x y in the columns of a tile, of all rows that its windows read.
 #[inline(always)]
 fn read_moments<S: Simd>(
     simd: S,

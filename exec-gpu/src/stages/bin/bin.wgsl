@@ -64,9 +64,9 @@ fn emit(
             next++;
         }
     }
-    // Tiles were counted by another kernel, which may round the edge of an outline otherwise. Of
-    // tiles that it counted and this one does not find, others take the place, which no pixel of
-    // the splat reaches: those behind the last one, or in front of the first.
+    // Another kernel counted the tiles, and may round the edge of an outline otherwise. Where this
+    // one finds fewer, other tiles take their place, which no pixel of the splat reaches: those
+    // behind the last one, or in front of the first.
     for (; next < end; next++) {
         if after < camera.tiles.x * camera.tiles.y {
             emit_pair(next, after, gaussian);

@@ -71,7 +71,7 @@ formula!(BlendEnd, |this, inputs| blend_end(
 });
 
 /// Compositing of one splat over the pixels of an invocation ([`specula_core::blend::step`]): their
-/// state, and the sums of their channels. The largest transmittance tells whether all pixels have
+/// state, and the sums of their channels. The largest transmittance shows whether all pixels have
 /// terminated.
 #[derive(Clone, Copy, Debug)]
 pub struct BlendSplat {

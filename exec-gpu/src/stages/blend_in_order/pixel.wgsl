@@ -27,7 +27,7 @@ fn blend_pixel(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_ind
             if hit.alpha == 0.0 || !is_behind(hit, last) {
                 continue;
             }
-            // The farthest of a full selection makes place.
+            // The farthest of a full selection is replaced.
             var place = min(count, HITS - 1u);
             if count == HITS && !(hits[place].depth > hit.depth) {
                 continue;

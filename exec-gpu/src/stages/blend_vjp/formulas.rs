@@ -53,8 +53,8 @@ formula!(ReplayStart, |this, inputs| replay_start(..[
     let transmittances = inputs.slice(this.block.count()).to_vec();
     let (blended, grads) = (inputs.slice(this.len()), inputs.slice(this.len()));
     let product = |k: usize| blended[k] * grads[k];
-    let of_pixel = |pixel: usize| (pixel * planes..(pixel + 1) * planes).rev();
-    let remaining = |pixel: usize| of_pixel(pixel).map(product).reduce(|sum, x| sum + x).expect("there is T");
+    let numbers_of_pixel = |pixel: usize| (pixel * planes..(pixel + 1) * planes).rev();
+    let remaining = |pixel: usize| numbers_of_pixel(pixel).map(product).reduce(|sum, x| sum + x).expect("there is T");
     let remaining: Vec<R> = (0..this.block.count()).map(remaining).collect();
     let pixel_grads: Vec<R> = grads.chunks(planes).flat_map(|grads| &grads[..this.channels]).copied().collect();
     (transmittances, remaining, pixel_grads)
@@ -123,7 +123,7 @@ formula!(ReplayState, |this, inputs| replay_state(
 });
 
 /// Replay of one splat over the pixels of an invocation, and the sums over them
-/// ([`specula_core::blend::step_vjp`]). The weight of the splat tells whether it contributed to any
+/// ([`specula_core::blend::step_vjp`]). The weight of the splat shows whether it contributed to any
 /// pixel, the sum of transmittances whether all pixels have terminated.
 #[derive(Clone, Copy, Debug)]
 pub struct ReplaySplat {

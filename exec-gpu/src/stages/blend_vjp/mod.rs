@@ -264,7 +264,7 @@ struct Replay<'a> {
     grad: &'a FrameGrad,
     slots: Array,
     sums: ChunkedArray,
-    /// None where invocations own pixels.
+    /// `None` if invocations own pixels.
     segments: Option<Segments>,
     view: CameraUniform,
 }

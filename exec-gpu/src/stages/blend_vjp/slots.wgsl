@@ -10,7 +10,7 @@ struct Batch {
     first: u32,
     end: u32,
     first_gaussian: u32,
-    // With the padding of its last block.
+    // End of the chunk, with the padding of its last block.
     gaussians_end: u32,
 }
 

@@ -15,7 +15,7 @@ formula!(ExposeVjp, |_, inputs| expose_pixel_vjp(..exposure_and_pixel(), grad: 3
     red: 4, green: 4, blue: 4, color: 3, transmittance: 1
 ) {
     let (exposure, color, transmittance) = (take_exposure(inputs), inputs.vec3(), inputs.number());
-    let (of_exposure, of_color, of_coverage) = expose_vjp(&exposure, color, -transmittance + 1.0, inputs.vec3());
-    let [red, green, blue] = of_exposure;
-    (red, green, blue, of_color, [-of_coverage])
+    let (grad_exposure, grad_color, grad_coverage) = expose_vjp(&exposure, color, -transmittance + 1.0, inputs.vec3());
+    let [red, green, blue] = grad_exposure;
+    (red, green, blue, grad_color, [-grad_coverage])
 });

@@ -97,9 +97,9 @@ pub(crate) fn gaussians_vjp(
     let key = format!("{planes:?} {light_layout:?}");
     let source = || source(&planes, light_layout);
     for (chunk, grads) in pairs(gaussians, &values) {
-        let (of_splats, first) = inputs.grads.values.around(&chunk);
+        let (splat_grads, first) = inputs.grads.values.around(&chunk);
         let view = CameraUniform::with_range(camera, chunk.gaussians.start - first..chunk.gaussians.end - first);
-        let mut bindings = vec![Uniform(view.bytes()), Buffer(chunk.array), Buffer(of_splats), Buffer(grads)];
+        let mut bindings = vec![Uniform(view.bytes()), Buffer(chunk.array), Buffer(splat_grads), Buffer(grads)];
         if let (Some(light), Some(sums)) = (light, &sums) {
             bindings.extend([Buffer(&light.texels), Buffer(&light.split_sum), Buffer(sums.array())]);
         }

@@ -22,7 +22,7 @@ pub(crate) const LAMP_LEN: usize = LampOf::<f32>::LEN;
 /// Numbers of a direct light.
 pub(crate) const DIRECT_LEN: usize = DirectLight::<f32>::LEN;
 
-/// Surface of a pixel, as lamps shine on it ([`specula_core::lamps::lit_pixel`]), from its blended
+/// Surface of a pixel for the light of lamps ([`specula_core::lamps::lit_pixel`]), from its blended
 /// channels. `is_lit` is 1 where the pixel shows a surface at a finite place, else 0.
 #[derive(Clone, Copy, Debug)]
 pub struct LitPixelOf(pub SurfaceOfPixel);

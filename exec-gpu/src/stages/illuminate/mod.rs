@@ -112,8 +112,8 @@ impl Lamps {
     }
 }
 
-/// Finds the light of lamps in all pixels; a frame without all layers stays as it is, as does one
-/// without lamps.
+/// Evaluates the direct light of lamps in all pixels. A frame without all layers, or of a light
+/// without lamps, is returned unchanged.
 ///
 /// # Errors
 ///

@@ -118,8 +118,8 @@ impl NetworkTexels {
     pub(crate) fn new(context: &mut Context, resolution: usize, kept: LevelRange) -> Result<Arc<Self>, GpuError> {
         let encoded = EncodedTexels::new(resolution, kept);
         // No array is empty.
-        let of_none = [[0.0; ENCODING]];
-        let encodings = if encoded.encodings().is_empty() { &of_none } else { encoded.encodings() };
+        let no_encodings = [[0.0; ENCODING]];
+        let encodings = if encoded.encodings().is_empty() { &no_encodings } else { encoded.encodings() };
         let encodings = context.upload("encoded directions of a light", encodings)?;
         let aprons = Matrix::new(context, &encoded.operator().aprons().forward)?;
         Ok(Arc::new(Self { encoded, encodings, aprons, transposed: OnceLock::new(), split_sum: OnceLock::new() }))

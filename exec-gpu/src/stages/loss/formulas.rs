@@ -45,8 +45,8 @@ pub struct ColorLoss;
 formula!(ColorLoss, |_, inputs| color_loss(pair: 2, ..share("absolute"), ..share("squared")) -> (
     absolute: 1, squared: 1, grad: 1
 ) {
-    let [rendered, truth, of_absolute, of_squared] = inputs.array();
-    let grad = absolute_vjp(rendered, truth, of_absolute) + squared_vjp(rendered, truth, of_squared);
+    let [rendered, truth, share_absolute, share_squared] = inputs.array();
+    let grad = absolute_vjp(rendered, truth, share_absolute) + squared_vjp(rendered, truth, share_squared);
     [absolute(rendered, truth), squared(rendered, truth), grad]
 });
 
@@ -69,10 +69,10 @@ formula!(CoverageLoss, |_, inputs| coverage_loss(
 ) -> (
     absolute: 1, of_transmittance: 1, of_residual: 1
 ) {
-    let [transmittance, alpha_byte, of_absolute, of_sparse, of_residual] = inputs.array();
+    let [transmittance, alpha_byte, share_absolute, share_sparse, share_residual] = inputs.array();
     let (coverage, alpha) = (-transmittance + 1.0, from_byte(alpha_byte));
-    let of_coverage = absolute_vjp(coverage, alpha, of_absolute) + sparse_coverage_vjp(coverage, of_sparse);
-    [absolute(coverage, alpha), -of_coverage, coverage * of_residual]
+    let grad_coverage = absolute_vjp(coverage, alpha, share_absolute) + sparse_coverage_vjp(coverage, share_sparse);
+    [absolute(coverage, alpha), -grad_coverage, coverage * share_residual]
 });
 
 /// Means of several consecutive windows of SSIM, from window `first` on.
@@ -201,8 +201,8 @@ formula!(NormalLoss, |this, inputs| normal_loss(
         below: expected_depth(blended.below, around.below),
     };
     let patch = NormalPatch { rays: rays_around(&camera, x, y), depths, rendered, coverage: weight };
-    let (value, of_rendered, of_depths) = normal_loss(this.form, &camera.camera_from_world, &patch, weight * share);
-    ([value * weight], of_rendered, [of_depths.left, of_depths.right, of_depths.above, of_depths.below])
+    let (value, grad_rendered, grad_depths) = normal_loss(this.form, &camera.camera_from_world, &patch, weight * share);
+    ([value * weight], grad_rendered, [grad_depths.left, grad_depths.right, grad_depths.above, grad_depths.below])
 });
 
 /// Gradient of the blended channels from that of a pixel's expected depth
@@ -215,8 +215,8 @@ formula!(DepthGrad, |_, inputs| depth_grad(blended_depth: 1, transmittance: 1, g
 ) {
     let [blended, transmittance, grad] = inputs.array();
     let coverage = -transmittance + 1.0;
-    let (of_blended, of_coverage) = expected_depth_vjp(expected_depth(blended, coverage), coverage, grad);
-    [of_blended.keep(is_surface(coverage)), (-of_coverage).keep(is_surface(coverage))]
+    let (grad_blended, grad_coverage) = expected_depth_vjp(expected_depth(blended, coverage), coverage, grad);
+    [grad_blended.keep(is_surface(coverage)), (-grad_coverage).keep(is_surface(coverage))]
 });
 
 /// Unit normal of a pixel with a surface ([`specula_core::smoothness::unit_normal`]).

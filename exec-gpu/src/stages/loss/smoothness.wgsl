@@ -5,7 +5,7 @@
 // Inputs: blended surfaces and their colours, before exposure; marks of the tiles; camera.
 // Outputs: unit normals, blurred normals and weights; gradients of normals; sum of the loss over
 // each tile.
-// Variants: with or without gloss, which light that was added pixel by pixel tells.
+// Variants: with or without gloss, which needs light per pixel.
 // Early exit: tiles without a visible splat have no loss, but blurred normals beside others.
 
 @group(0) @binding(4) var<storage, read> marks: array<u32>;
@@ -30,7 +30,7 @@ fn blended_vector(channel: u32, index: u32) -> vec3f {
     return vec3f(blended[first], blended[first + pixel_count()], blended[first + 2u * pixel_count()]);
 }
 
-// Gloss of a pixel; one where no light was added pixel by pixel.
+// Gloss of a pixel; one without light per pixel.
 fn gloss_at(pixel: vec2u) -> f32 {
     if !HAS_GLOSS {
         return 1.0;

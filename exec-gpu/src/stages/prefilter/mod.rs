@@ -57,18 +57,18 @@ pub struct Light {
     pub(crate) split_sum: Array,
     /// Source of its texels.
     pub(crate) source: LightSource,
-    /// Surface of the scene that reflected rays may meet.
+    /// Surface of the scene that reflected rays may hit.
     pub(crate) near_field: Option<Arc<NearField<Array>>>,
-    /// Lamps beside the light from afar.
+    /// Lamps in addition to the far light.
     pub(crate) lamps: Option<Arc<Lamps>>,
 }
 
 impl Light {
-    /// The same light around a near field.
+    /// Attaches a near field.
     pub(crate) fn around(self, near_field: &Arc<NearField<Array>>) -> Self {
         Self { near_field: Some(near_field.clone()), ..self }
     }
-    /// The same light with lamps.
+    /// Attaches lamps.
     pub(crate) fn with_lamps(self, lamps: Lamps) -> Self {
         Self { lamps: Some(Arc::new(lamps)), ..self }
     }

@@ -46,7 +46,7 @@ pub(crate) fn source(layout: Layout, storage: Storage) -> String {
         .text()
 }
 
-/// Responses of all Gaussians; none for the order of means.
+/// Responses of all Gaussians; `None` for the order of means.
 ///
 /// # Errors
 ///

@@ -41,7 +41,7 @@ pub(crate) struct Variant {
     pub(crate) is_traced: bool,
     /// Whether materials are physical.
     pub(crate) is_physical: bool,
-    /// Whether lamps shine on physical materials.
+    /// Whether lamps light physical materials.
     pub(crate) is_illuminated: bool,
 }
 

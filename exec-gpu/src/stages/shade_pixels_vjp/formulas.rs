@@ -25,8 +25,8 @@ formula!(ColorOfPixelVjp, |_, inputs| color_of_pixel_vjp(
 ) {
     let (base, tint, light, coverage) = (inputs.vec3(), inputs.vec3(), inputs.vec3(), inputs.number());
     let surface = PixelSurface { base, tint, roughness: coverage.zero(), reflection_dir: Vec3::zero(coverage) };
-    let (of_surface, of_light, of_coverage) = pixel_color_vjp(&surface, light, coverage, inputs.vec3());
-    (of_surface.base, of_surface.tint, of_light, [of_coverage])
+    let (grad_surface, grad_light, grad_coverage) = pixel_color_vjp(&surface, light, coverage, inputs.vec3());
+    (grad_surface.base, grad_surface.tint, grad_light, [grad_coverage])
 });
 
 /// Gradient of [`SurfaceOfPixel`] with respect to the blended channels
@@ -50,8 +50,8 @@ formula!(SurfaceOfPixelVjp, |this, inputs| surface_of_pixel_vjp(
         reflection_dir: inputs.vec3(),
     };
     let surface = pixel_surface(&pixel, view_dir);
-    let of_pixel = pixel_surface_vjp(&pixel, view_dir, &surface, &grad);
-    (of_pixel.base, of_pixel.normal, of_pixel.tint, [of_pixel.roughness, of_pixel.coverage])
+    let grad_pixel = pixel_surface_vjp(&pixel, view_dir, &surface, &grad);
+    (grad_pixel.base, grad_pixel.normal, grad_pixel.tint, [grad_pixel.roughness, grad_pixel.coverage])
 });
 
 /// Gradient of
@@ -64,8 +64,8 @@ formula!(PhysicalColorOfPixelVjp, |_, inputs| physical_color_of_pixel_vjp(..phys
     base: 3, tint: 3, specular_light: 3, irradiance: 3, split_sum: 2, coverage: 1
 ) {
     let (surface, light, coverage) = take_physical(inputs);
-    let (of_surface, of_light, of_coverage) = physical::pixel_color_vjp(&surface, &light, coverage, inputs.vec3());
-    (of_surface.base, of_surface.tint, of_light.specular, of_light.irradiance, of_light.split_sum, [of_coverage])
+    let (grad_surface, grad_light, grad_coverage) = physical::pixel_color_vjp(&surface, &light, coverage, inputs.vec3());
+    (grad_surface.base, grad_surface.tint, grad_light.specular, grad_light.irradiance, grad_light.split_sum, [grad_coverage])
 });
 
 /// Gradient of [`FacingOfPixel`](crate::stages::shade_pixels::formulas::FacingOfPixel) with respect

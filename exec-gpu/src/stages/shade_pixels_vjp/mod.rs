@@ -116,7 +116,7 @@ pub(crate) fn shade_pixels_vjp(
     grad: FrameGrad,
 ) -> Result<(FrameGrad, Option<LightGrad>), GpuError> {
     let view = CameraUniform::new(camera, 0);
-    let of_pixel = SurfaceOfPixel { blended: Channels::of_count(surface.channels) };
+    let surface_of_pixel = SurfaceOfPixel { blended: Channels::of_count(surface.channels) };
     let sums = light.map(|light| LightSums::new(context, &light.layout)).transpose()?;
     let none = [context.allocate("no light", 4)?, context.allocate("no sums", 4)?];
     let reflections = surface.reflections.as_ref().filter(|_| light.is_some());
@@ -132,8 +132,8 @@ pub(crate) fn shade_pixels_vjp(
     let arrays = arrays.into_iter().chain(reflections).chain(split_sum).map(Buffer);
     let bindings: Vec<Binding<'_>> = iter::once(Uniform(view.bytes())).chain(arrays).collect();
     let layout = light.map(|light| &light.layout);
-    let key = format!("{of_pixel:?} {layout:?} {variant:?}");
-    let source = || source(&of_pixel, layout, variant);
+    let key = format!("{surface_of_pixel:?} {layout:?} {variant:?}");
+    let source = || source(&surface_of_pixel, layout, variant);
     context.dispatch(&key, "shade_pixels_vjp", &source, &bindings, Dispatch::Invocations(surface.pixel_count()))?;
     let light_grad = sums.map(|sums| sums.finish(context)).transpose()?;
     Ok((grad, light_grad))

@@ -1,6 +1,6 @@
 // Declarations: lookups of a pixel whose reflected ray was traced, with their gradients. Gradients
-// of texels are added to their sums; those of direction and roughness are returned for the pixel's
-// own lookup alone, as what a ray meets is taken as fixed.
+// of texels are added to their sums; those of direction and roughness are returned only for the
+// pixel's own lookup, as hit points are detached.
 
 @group(0) @binding(5) var<storage, read> reflections: array<f32>;
 

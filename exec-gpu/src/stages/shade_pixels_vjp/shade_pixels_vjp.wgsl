@@ -27,9 +27,9 @@ struct LitPixelGrad {
     tint: vec3f,
     light: vec3f,
     coverage: f32,
-    // Of the blended normal, beside what comes through the reflected direction.
+    // Gradient of the blended normal, without the part through the reflected direction.
     normal: vec3f,
-    // Of the roughness, beside what comes through the lookup of the reflected light.
+    // Gradient of the roughness, without the part through the lookup of the reflected light.
     roughness: f32,
 }
 

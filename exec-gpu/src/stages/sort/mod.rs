@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn sums_are_those_of_all_numbers_before() {
+    fn a_scan_gives_exclusive_prefix_sums() {
         let Some(mut context) = Context::for_tests() else { return };
         for len in [0, 1, 255, SCAN_BLOCK, SCAN_BLOCK + 1, 300_000, SCAN_BLOCK * SCAN_BLOCK + 1] {
             // Few bits, so that the sum of all still fits into a word.
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn more_groups_than_an_axis_of_a_dispatch_has_are_numbered_without_a_gap() {
+    fn workgroups_beyond_one_axis_of_a_dispatch_are_numbered_without_gaps() {
         let Some(mut context) = Context::for_tests() else { return };
         let len = 65_535 * WORKGROUP_SIZE as usize + 300;
         let array = iota(&mut context, "numbers", len).expect("numbers fit");
@@ -217,7 +217,7 @@ mod tests {
                     sorts_as_the_host(&mut context, &vec![(1 << (bits - 1)) - 1; len], bits);
                 }
             }
-            // Bits above those that are sorted by change nothing but go along.
+            // Bits above those that are sorted by change nothing but are moved along.
             let keys: Vec<u32> = random_numbers(5000, 32);
             sorts_as_the_host(&mut context, &keys, 9);
         }

@@ -44,7 +44,7 @@ fn rank_in_row(digit: u32, local: u32) -> u32 {
     return rank;
 }
 
-// Elements of the row with a digit, which are forgotten.
+// Number of elements of the row with a digit; resets them.
 fn take_holders(digit: u32) -> u32 {
     var count = 0u;
     for (var word = 0u; word < WORDS; word++) {

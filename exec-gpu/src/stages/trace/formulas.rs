@@ -1,4 +1,4 @@
-//! Reflected rays, the triangles that they meet, and their light.
+//! Reflected rays, the triangles that they hit, and their light.
 
 use crate::{
     codegen::formula::{Field, Inputs, call, formula, variable},
@@ -21,7 +21,7 @@ use specula_core::{
 pub(crate) const REFLECTION_LEN: usize = Reflection::<f32>::LEN;
 
 /// Reflected ray of a pixel ([`specula_core::near_field::ray_origin`]), from its blended channels,
-/// and the roughness of its surface. `is_traced` is 1 where the ray counts
+/// and the roughness of its surface. `is_traced` is 1 where the ray is traced
 /// ([`specula_core::near_field::is_traced`]) and is finite, else 0.
 #[derive(Clone, Copy, Debug)]
 pub struct RayOfPixel(pub SurfaceOfPixel);
@@ -72,7 +72,7 @@ formula!(CrossingOf, |_, inputs| crossing_of(a: 3, b: 3, c: 3, origin: 3, direct
     ([distance], weights)
 });
 
-/// Reflection of a ray that meets nothing ([`Reflection::of_far`]).
+/// Reflection of a ray that hits nothing ([`Reflection::of_far`]).
 #[derive(Clone, Copy, Debug)]
 pub struct FarReflection;
 
@@ -82,7 +82,7 @@ formula!(FarReflection, |_, inputs| far_reflection(direction: 3, roughness: 1) -
     Reflection::of_far(inputs.vec3(), inputs.number()).to_array()
 });
 
-/// Reflection of a ray that meets a triangle ([`Reflection::of_near`]), from the numbers of its
+/// Reflection of a ray that hits a triangle ([`Reflection::of_near`]), from the numbers of its
 /// three vertices.
 #[derive(Clone, Copy, Debug)]
 pub struct NearReflection;
@@ -97,7 +97,7 @@ formula!(NearReflection, |_, inputs| near_reflection(
     Reflection::of_near(direction, roughness, &surface_within(&corners, weights)).to_array()
 });
 
-/// Lookup of the far light of the surface that a ray meets.
+/// Lookup of the far light of the surface that a ray hits.
 #[derive(Clone, Copy, Debug)]
 pub struct LookupOfReflection;
 
@@ -108,8 +108,8 @@ formula!(LookupOfReflection, |_, inputs| lookup_of_reflection(..reflection_field
     (reflection.direction, [reflection.roughness])
 });
 
-/// Light of a reflection, from the far light of the pixel and that of the surface that its ray
-/// meets ([`Reflection::light`]).
+/// Light of a reflection, from the far light of the pixel and that of the surface that its ray hits
+/// ([`Reflection::light`]).
 #[derive(Clone, Copy, Debug)]
 pub struct LightOfReflection;
 
@@ -120,7 +120,7 @@ formula!(LightOfReflection, |_, inputs| light_of_reflection(..reflection_fields(
     reflection.light(inputs.vec3(), inputs.vec3())
 });
 
-/// Light of a reflection from the surface that its ray meets ([`Reflection::indirect`]).
+/// Light of a reflection from the surface that its ray hits ([`Reflection::indirect`]).
 #[derive(Clone, Copy, Debug)]
 pub struct IndirectOfReflection;
 

@@ -24,7 +24,7 @@ use formulas::{
 };
 use specula_core::{
     camera::Camera,
-    near_field::{BACK_DEPTH, FRONTS_ALONE, NODE_LEN, NOTHING, NearField, TRIANGLE_LEN, VERTEX_LEN},
+    near_field::{BACK_DEPTH, CULL_BACKFACES, NODE_LEN, NearField, T_MISS, TRIANGLE_LEN, VERTEX_LEN},
     rules::{Channels, channel},
 };
 use std::sync::Arc;
@@ -39,7 +39,7 @@ pub(crate) fn source(surface: &SurfaceOfPixel) -> String {
     Source::new()
         .real()
         .part(camera)
-        .number("NOTHING", NOTHING)
+        .number("T_MISS", T_MISS)
         .part(traversal)
         .formula(&RayOfPixel(*surface))
         .formula(&FarReflection)
@@ -48,11 +48,11 @@ pub(crate) fn source(surface: &SurfaceOfPixel) -> String {
         .text()
 }
 
-/// Appends the near field at the bindings 1 and 3, and the triangle that a ray meets first.
+/// Appends the near field at the bindings 1 and 3, and the triangle that a ray hits first.
 pub(crate) fn traversal(source: Source) -> Source {
     source
         .number("BACK_DEPTH", BACK_DEPTH)
-        .number("FRONTS_ALONE", FRONTS_ALONE)
+        .number("CULL_BACKFACES", CULL_BACKFACES)
         .count("NODE_VECTORS", NODE_LEN / VECTOR)
         .count("TRIANGLE_VECTORS", TRIANGLE_LEN / VECTOR)
         .count("VERTEX_VECTORS", VERTEX_LEN / VECTOR)
@@ -73,7 +73,7 @@ pub(crate) fn reflection(source: Source) -> Source {
         .formula(&VisibilityOfReflection)
 }
 
-/// `NearField` of `near_field.wgsl`; without nodes no ray meets anything.
+/// `NearField` of `near_field.wgsl`; without nodes rays hit nothing.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct NearFieldUniform {
@@ -108,8 +108,8 @@ pub(crate) fn upload_near_field(
     Ok(Arc::new(near_field.with_values(values)))
 }
 
-/// Traces the reflected rays of all pixels; a frame without depths stays as it is, as does one
-/// without a near field.
+/// Traces the reflected rays of all pixels. A frame without depths, or of a light without a near
+/// field, is returned unchanged.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-// Declarations: near field, and the triangle that a ray meets first.
+// Declarations: near field, and the triangle that a ray hits first.
 
 struct NearField {
     node_count: u32,
@@ -8,7 +8,7 @@ struct NearField {
     offset: f32,
 }
 
-// Triangle that a ray meets.
+// Triangle that a ray hits.
 struct Hit {
     distance: f32,
     triangle: u32,
@@ -31,10 +31,10 @@ fn position(vertex: u32) -> vec3f {
 }
 
 // Tests in the order of `NearField::first_hit`; for any hit, as `NearField::is_blocked`, which ends
-// with the first one found and meets backs as well. Without one the distance is `reach`.
+// with the first one found and also hits backs. Without a hit the distance is `reach`.
 fn hit_within(origin: vec3f, direction: vec3f, reach: f32, any_is_enough: bool) -> Hit {
     let inverse = inverse_direction(direction);
-    let back_depth = select(FRONTS_ALONE, BACK_DEPTH * near_field.offset, any_is_enough);
+    let back_depth = select(CULL_BACKFACES, BACK_DEPTH * near_field.offset, any_is_enough);
     var hit = Hit(reach, 0u, vec2f(0.0));
     var index = 0u;
     while index < near_field.node_count {

@@ -11,7 +11,7 @@
 @group(0) @binding(4) var<storage, read_write> reflections: array<f32>;
 
 var<private> pixel: u32;
-// Vertices of the triangle that was met.
+// Vertices of the triangle that was hit.
 var<private> corners: vec3u;
 
 fn blended(channel: u32) -> f32 {
@@ -43,8 +43,8 @@ fn trace(
         far_reflection(ray.direction, ray.roughness);
         return;
     }
-    let hit = hit_within(ray.origin, ray.direction, NOTHING, false);
-    if hit.distance == NOTHING {
+    let hit = hit_within(ray.origin, ray.direction, T_MISS, false);
+    if hit.distance == T_MISS {
         far_reflection(ray.direction, ray.roughness);
         return;
     }

@@ -9,14 +9,14 @@ mod scenes;
 mod splats;
 mod training;
 
-/// Says what came out at worst, and fails above what is allowed or if it is no number.
+/// Prints the worst value, and fails if it exceeds the allowed one or is NaN.
 #[track_caller]
 fn assert_at_most(what: &str, worst: f64, allowed: f64) {
     println!("{what}: {worst:.1e} of {allowed:.0e}");
     assert!(worst <= allowed, "{what}: {worst:e}, allowed are {allowed:e}");
 }
 
-/// The largest of some numbers; infinite if one is none.
+/// Largest of some numbers; infinite if one is NaN.
 fn worst(numbers: impl Iterator<Item = f64>) -> f64 {
     numbers.fold(0.0, |worst, number| if number.is_nan() { f64::INFINITY } else { f64::max(worst, number) })
 }

@@ -1,4 +1,4 @@
-//! Textbook forms beside the robust ones: each breaks a guarantee that ours keeps.
+//! Textbook forms beside the robust ones: each breaks a guarantee that core keeps.
 
 use super::{
     blending, numbers,
@@ -140,8 +140,8 @@ fn three_standard_deviations_cut_off_what_is_seen() {
     assert!(at(footprint(&splat).reach) <= ALPHA_MIN * 1.000_01, "ours ends where nothing is drawn");
 }
 
-/// Transmittance in front of each layer of a stack, found backwards by division from what is left
-/// behind all.
+/// Transmittance in front of each layer of a stack, computed backwards by division from the final
+/// transmittance.
 fn divided(alphas: &[f32]) -> f64 {
     let behind = alphas.iter().fold(1.0_f32, |passed, alpha| passed * (1.0 - alpha));
     let front = alphas.iter().rev().fold(behind, |passed, alpha| passed / (1.0 - alpha));

@@ -1,5 +1,4 @@
-//! Functions of one number at its ends, directions that there are none of, and the optimiser's
-//! step.
+//! Functions of one number at its limits, undefined directions, and the optimiser's step.
 
 use super::assert_at_most;
 use specula_core::{

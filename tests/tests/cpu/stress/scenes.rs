@@ -1,4 +1,4 @@
-//! Scenes and pictures with nothing in them.
+//! Empty scenes and pictures.
 
 use specula_core::{
     executor::Renderer,

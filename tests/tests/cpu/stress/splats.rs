@@ -98,7 +98,7 @@ fn one(mean: [f32; 3], log_scales: [f32; 3], logit: f32) -> Cloud {
     cloud
 }
 
-/// All planes of a picture, the last of which is what it lets through.
+/// All planes of a picture, the last of which is the transmittance.
 fn picture(exec: &mut CpuExecutor, cloud: &Cloud, camera: &Camera) -> Vec<f32> {
     let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Training);
     render_view(exec, cloud, None, camera, &rules).expect("the CPU renders").values
@@ -319,7 +319,7 @@ fn a_splat_does_not_depend_on_where_tiles_begin() {
     let apart = |shift: u32| {
         let shifted = at(&mut exec, shift);
         worst(first.iter().zip(&shifted).map(|(a, b)| {
-            // The rim, where an alpha of 1/255 is cut off, hangs on rounding.
+            // The rim, where an alpha of 1/255 is cut off, depends on rounding.
             let is_cut = (*a == 1.0) != (*b == 1.0);
             if is_cut { f64::from((a - b).abs() - ALPHA_MIN).abs() } else { f64::from((a - b).abs()) }
         }))
@@ -363,7 +363,7 @@ fn distances(name: &str) -> Vec<f64> {
 }
 
 #[test]
-fn what_is_nowhere_is_left_out_by_f64_as_by_f32() {
+fn gaussians_at_nonfinite_places_are_skipped_in_f64_as_in_f32() {
     let case = every_case().into_iter().find(|case| case.name == "nowhere").expect("a case of that name");
     let cull = CullStats::of(&case.cloud, Some(&case.camera));
     assert!(cull.nonfinite() > 20 && cull.count(CullReason::Drawn) > 10, "some of it is somewhere: {cull:?}");

@@ -98,7 +98,7 @@ fn camera(number: usize) -> Camera {
     Camera::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, SIZE, SIZE)
 }
 
-/// Premultiplied planes and what they let through as bytes of straight colours and alpha.
+/// Premultiplied planes and transmittance as bytes of straight colours and alpha.
 fn straight(planes: &[f32]) -> Vec<u8> {
     let size = (SIZE * SIZE) as usize;
     let pixel = |pixel: usize| {
@@ -176,7 +176,7 @@ fn gaussians_of_very_different_size_train_as_well_as_equal_ones() {
     assert_at_most("what different sizes cost, in dB", twin - own, AS_GOOD);
 }
 
-/// Pictures under a sun are whiter, and so it is no wonder that they come out better.
+/// Pictures under a sun are whiter, and therefore come out better.
 #[test]
 fn a_sun_of_ten_thousand_trains_as_well_as_a_lamp() {
     let sunny = Scene { sun: 1e4, ..TWIN };
