@@ -1,6 +1,7 @@
 //! Videos of pictures, which ffmpeg encodes.
 
 use crate::{args::ViewOptions, failure::Failure, output};
+use core::slice;
 use specula_scene::{
     Layer, backdrop::BackgroundChoice, picture_folder::PictureFolder, rendering::FRAME_MS, text::shown,
 };
@@ -19,10 +20,15 @@ const EVEN: [&str; 4] = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-p
 const PALETTE: [&str; 2] = ["-vf", "split[a][b];[a]palettegen[p];[b][p]paletteuse"];
 const WEBP: [&str; 6] = ["-c:v", "libwebp_anim", "-quality", "85", "-loop", "0"];
 
+/// Layers of `specula render` where none are named.
+const DEFAULT_LAYERS: [Layer; 4] = [Layer::Rgb, Layer::Normal, Layer::Depth, Layer::Alpha];
+
 /// Video that -o names, and the folder of its pictures until it is encoded.
 #[derive(Debug)]
 pub(crate) struct Video {
     path: PathBuf,
+    /// Layer that it shows.
+    layer: Layer,
     pictures: TempDir,
 }
 
@@ -31,8 +37,8 @@ impl Video {
     ///
     /// # Errors
     ///
-    /// Layers, numbers or transparency, which videos lack; a machine without ffmpeg; a folder that
-    /// cannot be written to.
+    /// Several layers, numbers or transparency, which videos lack; a machine without ffmpeg; a
+    /// folder that cannot be written to.
     pub(crate) fn requested(
         requested: Option<&Path>,
         views: &ViewOptions,
@@ -42,10 +48,17 @@ impl Video {
         let Some(ending) = output::ending(path).filter(|ending| ENDINGS.contains(&ending.as_str())) else {
             return Ok(None);
         };
-        if layers != [Layer::Rgb] || views.exr {
-            return Err(Failure::Input(format!(
-                "{path:?} is a video, which shows colours; use it with --layers rgb and without --exr"
-            )));
+        let layer = match layers {
+            [layer] if Layer::expanded(layers).len() == 1 => *layer,
+            layers if layers == DEFAULT_LAYERS => Layer::Rgb,
+            _ => {
+                return Err(Failure::Input(format!(
+                    "{path:?} is a video, which shows one layer; name one with --layers"
+                )));
+            }
+        };
+        if views.exr {
+            return Err(Failure::Input(format!("{path:?} is a video, which holds no numbers; omit --exr")));
         }
         if views.background == Some(BackgroundChoice::Transparent) && ending != "webp" {
             return Err(Failure::Input(format!(
@@ -69,7 +82,12 @@ impl Video {
         output::make_folder(parent)?;
         let pictures = tempfile::Builder::new().prefix(".specula-").tempdir_in(parent);
         let pictures = pictures.map_err(|source| failure(parent, source))?;
-        Ok(Some(Self { path: path.to_owned(), pictures }))
+        Ok(Some(Self { path: path.to_owned(), layer, pictures }))
+    }
+
+    /// Layer that it shows, as a list.
+    pub(crate) fn layers(&self) -> &[Layer] {
+        slice::from_ref(&self.layer)
     }
 
     /// Folder of the pictures.
@@ -88,7 +106,11 @@ impl Video {
         let encoded = folder.path.join("video").with_extension(&ending);
         let mut ffmpeg = Command::new("ffmpeg");
         ffmpeg.args(["-y", "-loglevel", "error", "-framerate", &format!("1000/{FRAME_MS}"), "-i"]);
-        ffmpeg.arg(folder.path.join("rgb/%05d.png")).args(options).arg(&encoded).stdin(Stdio::null());
+        ffmpeg
+            .arg(folder.picture(self.layer, 0).with_file_name("%05d.png"))
+            .args(options)
+            .arg(&encoded)
+            .stdin(Stdio::null());
         let done = ffmpeg.output().map_err(|source| failure(&self.path, source))?;
         if !done.status.success() {
             let said = String::from_utf8_lossy(&done.stderr).trim().replace('\n', "; ");

@@ -95,7 +95,7 @@ pub(crate) struct Eval {
 Examples:
   specula compare out/chair out/plain
   specula compare out/*-3dgs out/*-specula -o table.tex
-  specula compare out/* --format csv")]
+  specula compare out/chair-* --format csv")]
 pub(crate) struct Compare {
     /// Model folders.
     #[arg(value_name = "RUN", required = true)]

@@ -90,8 +90,8 @@ pub(crate) struct Train {
     #[arg(long, value_name = "B", default_value_t = 1, value_parser = views_per_step)]
     #[serde(skip_serializing_if = "is_one")]
     pub(crate) views_per_step: u32,
-    /// Share the training among N threads, to the same model as one; with --executor gpu each has
-    /// the next GPU of this machine. Several machines share one over MPI; see docs/scaling.md.
+    /// Share the training among N threads, with the same result; with --executor gpu each has the
+    /// next GPU. Several machines share one over MPI; see docs/scaling.md.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = ranks)]
     #[serde(skip)]
     pub(crate) ranks: u16,

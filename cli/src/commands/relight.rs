@@ -38,6 +38,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     refuse_transparent_layers(&args.views, &args.layers)?;
     let video = Video::requested(args.output.as_deref(), &args.views, &args.layers)?;
     let output = video.as_ref().map(Video::pictures).or(args.output.as_deref());
+    let layers = video.as_ref().map_or(&args.layers[..], Video::layers);
     let ViewOptions { background, scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
     let plan = LightPlan::new(&args.lights, (&args.env_options).into())?;
@@ -71,7 +72,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
         return video::finish(video.as_ref(), &folder);
     }
     let backdrop = backdrop_under(&args.views, &set, &opened, &lighting, up)?;
-    let layers = layers_of(&args.layers, &opened.scene)?;
+    let layers = layers_of(layers, &opened.scene)?;
     let job = PictureJob {
         cameras: &set,
         layers: &layers,

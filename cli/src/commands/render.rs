@@ -33,6 +33,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     refuse_contradictions(args)?;
     let video = Video::requested(args.output.as_deref(), &args.views, &args.layers)?;
     let output = video.as_ref().map(Video::pictures).or(args.output.as_deref());
+    let layers = video.as_ref().map_or(&args.layers[..], Video::layers);
     let ViewOptions { scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
     let set = CameraSet::choose(&(&args.views).into(), &opened)?;
@@ -48,7 +49,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     }
     shade(&mut opened.scene, args.views.shading.shading())?;
     note_guessed_up(&orientation);
-    let layers = layers_of(&args.layers, &opened.scene)?;
+    let layers = layers_of(layers, &opened.scene)?;
     let options = RenderOptions::from(&scene_options.renderer);
     let parts = parts_of(args, &opened, &options);
     let folder = PictureFolder::of(&opened, output, set.name, &set, &parts)?;

@@ -214,9 +214,16 @@ fn a_data_set_in_place_of_a_model_and_a_video_in_place_of_a_folder() {
         refuses(command, &["is a data set", "specula train"]);
     }
     for name in ["turn.mp4", "turn.WEBP"] {
-        let mut command = specula();
-        command.arg("render").arg(tiny.path("model")).arg("-o").arg(tiny.path(name));
-        refuses(command, &["written to a folder", "ffmpeg", "rgb/%05d.png", name]);
+        let video = |words: &[&str]| {
+            let mut command = specula();
+            command.arg("render").arg(tiny.path("model")).arg("-o").arg(tiny.path(name)).args(words);
+            command
+        };
+        let mut without_ffmpeg = video(&[]);
+        without_ffmpeg.env("PATH", "");
+        refuses(without_ffmpeg, &["ffmpeg, which is not installed", "rgb/%05d.png", name]);
+        refuses(video(&["--layers", "rgb,depth"]), &["one layer", name]);
+        refuses(video(&["--exr"]), &["no numbers", name]);
         assert!(!tiny.path(name).exists());
     }
 }

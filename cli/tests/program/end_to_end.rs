@@ -428,3 +428,23 @@ fn objects_get_materials_unless_these_are_left_out() {
     let told = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
     assert!(told.contains("omit --no-materials"), "{told}");
 }
+
+#[test]
+fn a_video_shows_a_turntable_where_ffmpeg_is_installed() {
+    if !std::process::Command::new("ffmpeg").arg("-version").output().is_ok_and(|output| output.status.success()) {
+        eprintln!("NOT TESTED, because there is no ffmpeg");
+        return;
+    }
+    let tiny = Tiny::new();
+    train(&tiny, "vase").arg("--quiet").assert().success();
+    for (name, start) in [("turn.mp4", &b"ftyp"[..]), ("turn.webp", b"WEBP"), ("turn.gif", b"GIF8")] {
+        let video = tiny.path(&format!("videos/{name}"));
+        let mut render = specula();
+        render.arg("render").arg(tiny.path("vase")).args(["--turntable", "3", "--size", "33,31", "-o"]).arg(&video);
+        assert_eq!(printed(&mut render).trim(), video.to_str().unwrap());
+        let bytes = fs::read(&video).unwrap();
+        assert!(bytes.windows(4).take(16).any(|part| part == start), "{name} is none");
+    }
+    let left = fs::read_dir(tiny.path("videos")).unwrap().count();
+    assert_eq!(left, 3, "pictures are removed");
+}
