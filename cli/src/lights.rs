@@ -7,13 +7,13 @@ use crate::{
     scene::{read_env, refuse_plain},
 };
 use core::{fmt::Display, str::FromStr};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use serde::Deserialize;
 use specula_core::lamps::check;
-use specula_io::budget::FACTS;
+use specula_io::{budget::FACTS, orientation::Orientation};
 use specula_scene::{
     Lighting, OpenedModel, RenderOptions, SceneError, Shading, Surface,
-    lamps::{SphereChoice, SunChoice, shadow_surface},
+    lamps::{SphereChoice, SunChoice, direction, shadow_surface, share_in_shadow},
     light_file::{LightOptions, MapUp},
     picture_folder::light_differences,
 };
@@ -188,9 +188,33 @@ impl LightPlan {
         if lighting.has_lamps() || lighting.ground.is_some() {
             lighting.occluder = surface_of(opened, options)?;
         }
+        if let Some(occluder) = &lighting.occluder {
+            warn_of_hidden_suns(&lighting, occluder, opened, up)?;
+        }
         lighting.light(&mut opened.scene, up)?;
         Ok(lighting)
     }
+}
+
+/// Warns of suns that the scene hides from itself, such as behind the walls of a room.
+fn warn_of_hidden_suns(lighting: &Lighting, occluder: &Surface, opened: &OpenedModel, up: Vec3) -> Result<(), Failure> {
+    /// Share in shadow from which the picture is dark.
+    const MOST: f64 = 0.8;
+    /// Radius of the subject, relative to the distance of the cameras from it.
+    const SUBJECT: f64 = 0.5;
+    let Orientation { centre, distance, .. } = opened.orientation(None)?;
+    let (centre, radius) = (DVec3::from(centre).as_vec3(), (SUBJECT * distance) as f32);
+    for sun in &lighting.suns {
+        let to_sun = direction(sun.azimuth + lighting.turn, sun.elevation, up).as_vec3();
+        if let Some(share) = share_in_shadow(occluder, to_sun, centre, radius).filter(|share| *share > MOST) {
+            tracing::warn!(
+                "--sun {sun}: the scene itself hides it from {:.0} % of the subject; choose another direction, or train \
+                 the subject with masks, without its surroundings",
+                100.0 * share
+            );
+        }
+    }
+    Ok(())
 }
 
 /// Surface that casts shadows, with progress.

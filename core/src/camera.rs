@@ -106,6 +106,35 @@ impl Camera {
         }
     }
 
+    /// The same view as a picture turned clockwise by 90°: the point (x, y) of the picture moves to
+    /// (height − y, x).
+    #[must_use]
+    pub fn turned_clockwise(&self) -> Self {
+        let axes = self.camera_from_world;
+        Self {
+            camera_from_world: GlamMat3::from_cols(-axes.row(1), axes.row(0), axes.row(2)).transpose(),
+            focal_px: [self.focal_px[1], self.focal_px[0]],
+            principal_px: [self.height as f32 - self.principal_px[1], self.principal_px[0]],
+            width: self.height,
+            height: self.width,
+            ..*self
+        }
+    }
+
+    /// The same view as a picture turned by the multiple of 90° after which the direction `up` in
+    /// the world points most nearly up; the view itself where `up` is along the line of sight.
+    #[must_use]
+    pub fn upright(&self, up: GlamVec3) -> Self {
+        let up = self.camera_from_world * up;
+        let is_across = up.x.abs() > up.y.abs();
+        match (is_across, up.x > 0.0, up.y > 0.0) {
+            (true, false, _) => self.turned_clockwise(),
+            (true, true, _) => self.turned_clockwise().turned_clockwise().turned_clockwise(),
+            (false, _, true) => self.turned_clockwise().turned_clockwise(),
+            (false, _, false) => *self,
+        }
+    }
+
     /// Width and height of the picture, in pixels.
     pub fn size_px(&self) -> [f32; 2] {
         [self.width as f32, self.height as f32]

@@ -3,7 +3,9 @@
 use crate::{
     OpenedModel, SceneError,
     orbit::{DEFAULT_COUNT, DEFAULT_SIZE, near_plane, turntable},
+    orientation,
 };
+use glam::Vec3;
 use specula_io::cameras::{self, NamedCamera};
 use std::path::PathBuf;
 
@@ -51,6 +53,8 @@ pub struct CameraChoice {
     pub turntable: Option<u32>,
     /// Width and height of pictures in pixels; by default those of the cameras.
     pub size: Option<[u32; 2]>,
+    /// Whether pictures are turned by multiples of 90° until the scene's up direction points up.
+    pub is_upright: bool,
     /// Up direction of the scene, a vector of any length but 0, instead of that of the model.
     pub up: Option<[f64; 3]>,
 }
@@ -68,6 +72,8 @@ pub struct CameraSet {
     pub split: Option<Split>,
     /// Whether the pictures are frames of an animation.
     pub is_turntable: bool,
+    /// Whether any picture was turned until it is upright.
+    pub is_turned: bool,
     /// Requested size, if it differs from that of the views.
     pub other_size: Option<[u32; 2]>,
 }
@@ -85,12 +91,21 @@ impl CameraSet {
         let mut set = Self::unsized_set(choice, opened, &known)?;
         let near = near_plane(if known.is_empty() { &set.cameras } else { &known });
         set.cameras.iter_mut().for_each(|(_, camera)| camera.near = near);
+        if choice.is_upright {
+            set.turn_upright(orientation::up(&opened.orientation(choice.up)?));
+        }
         if let Some(size @ [width, height]) = choice.size {
             let is_other = set.cameras.iter().any(|(_, camera)| [camera.width, camera.height] != size);
             set.other_size = is_other.then_some(size);
             set.cameras.iter_mut().for_each(|(_, camera)| *camera = camera.framed(width, height));
         }
         Ok(set)
+    }
+
+    fn turn_upright(&mut self, up: Vec3) {
+        let before = self.cameras.clone();
+        self.cameras.iter_mut().for_each(|(_, camera)| *camera = camera.upright(up));
+        self.is_turned = self.cameras != before;
     }
 
     fn unsized_set(choice: &CameraChoice, opened: &OpenedModel, known: &[NamedCamera]) -> Result<Self, SceneError> {
@@ -111,7 +126,15 @@ impl CameraSet {
 
     /// Cameras other than the model's.
     fn other(name: &'static str, cameras: Vec<NamedCamera>, opened: &OpenedModel) -> Self {
-        Self { name, cameras, origin: opened.origin, split: None, is_turntable: false, other_size: None }
+        Self {
+            name,
+            cameras,
+            origin: opened.origin,
+            split: None,
+            is_turntable: false,
+            is_turned: false,
+            other_size: None,
+        }
     }
 
     /// Split of the model's cameras, which are listed test views first.

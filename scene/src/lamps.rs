@@ -277,6 +277,24 @@ pub fn fused_surface(
     Ok(SurfaceMeans::new(fusion.mesh(), fusion.voxel_size()).near_field().map(Surface::shared))
 }
 
+/// Share of a surface that lies in its own shadow, of the part within `radius` of `centre` that
+/// faces the direction `to_sun`; `None` where nothing there faces it. Vertices are sampled.
+pub fn share_in_shadow(surface: &Surface, to_sun: Vec3, centre: Vec3, radius: f32) -> Option<f64> {
+    const SAMPLES: usize = 4096;
+    let facing = (0..surface.vertex_count).filter_map(|vertex| {
+        let numbers = surface.vertex(vertex);
+        let [position, normal] = [0, 3].map(|first| Vec3::from_slice(&numbers[first..]));
+        let normal = normal.normalize_or_zero();
+        let is_lit = position.distance(centre) <= radius && normal.dot(to_sun) > 0.0;
+        is_lit.then(|| position + surface.offset * normal)
+    });
+    let facing: Vec<Vec3> = facing.collect();
+    let sampled: Vec<Vec3> = facing.iter().copied().step_by(facing.len().div_ceil(SAMPLES).max(1)).collect();
+    let hidden =
+        sampled.par_iter().filter(|start| surface.first_hit((**start).into(), to_sun.into()).is_some()).count();
+    (!sampled.is_empty()).then(|| hidden as f64 / sampled.len() as f64)
+}
+
 /// Adds the light of lamps to the base colours of a surface that reflected rays meet, where its
 /// vertices have a diffuse albedo.
 pub(crate) fn shine_on(near_field: &mut NearField<Vec<f32>>, lamps: &SceneLamps) {

@@ -89,8 +89,8 @@ pub struct PictureFolder {
 }
 
 impl PictureFolder {
-    /// Requested folder, or `MODEL/GROUP/ours_N`, its name followed by `differences` and by a size
-    /// other than that of the views.
+    /// Requested folder, or `MODEL/GROUP/ours_N`, its name followed by `differences`, by a size
+    /// other than that of the views and by whether pictures are turned.
     ///
     /// # Errors
     ///
@@ -107,7 +107,9 @@ impl PictureFolder {
             (Some(folder), _, _) => (folder, Self { path: folder.to_owned(), rgb: "rgb" }),
             (None, Some(model), Some(iteration)) => {
                 let size = set.other_size.map(|[width, height]| format!("{width}x{height}"));
-                let name = [&[method_of(iteration)], differences, &Vec::from_iter(size)].concat().join("_");
+                let upright = set.is_turned.then(|| "upright".to_owned());
+                let name = [&[method_of(iteration)], differences, &Vec::from_iter(size), &Vec::from_iter(upright)];
+                let name = name.concat().join("_");
                 (model.as_path(), Self { path: model.join(group).join(name), rgb: "renders" })
             }
             _ => return Err(SceneError::NoFolder),

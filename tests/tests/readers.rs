@@ -86,7 +86,7 @@ struct Place<'a> {
     target: &'a Target,
     folder: TempDir,
     right: Vec<u8>,
-    _alone: MutexGuard<'static, ()>,
+    _turn: MutexGuard<'static, ()>,
 }
 
 impl<'a> Place<'a> {

@@ -115,7 +115,7 @@ pub(crate) struct Relight {
     #[arg(long, value_parser = layer(), value_delimiter = ',', default_value = "rgb")]
     pub(crate) layers: Vec<Layer>,
     /// Folder of ground-truth pictures under the new light, named as the views, to measure against.
-    #[arg(long, value_name = "FOLDER")]
+    #[arg(long, value_name = "FOLDER", conflicts_with = "upright")]
     pub(crate) truth: Option<PathBuf>,
     /// Print measures as JSON.
     #[arg(long, requires = "truth")]
@@ -139,6 +139,10 @@ pub(crate) struct ViewOptions {
     /// shows more of the scene and does not stretch it.
     #[arg(long, value_name = "W,H", value_parser = size)]
     pub(crate) size: Option<[u32; 2]>,
+    /// Turn pictures by 90° or 180° where the scene lies on its side in them, as photographs of
+    /// phones are often stored.
+    #[arg(long)]
+    pub(crate) upright: bool,
     /// Background of the colours: black, white or R,G,B; env for the environment light; or
     /// transparent for alpha. By default that of the training, else black.
     #[arg(long, value_name = "black|white|R,G,B|env|transparent")]
@@ -182,6 +186,7 @@ impl From<&ViewOptions> for CameraChoice {
             split: options.split.map(Into::into),
             turntable: options.turntable,
             size: options.size,
+            is_upright: options.upright,
             up: options.scene_options.scene_up.map(Into::into),
         }
     }

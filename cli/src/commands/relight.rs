@@ -2,6 +2,7 @@
 
 use crate::{
     args::{ProfileName, Relight, ViewOptions},
+    commands::render::note_turned,
     dataset::note_guessed_up,
     failure::Failure,
     lights::LightPlan,
@@ -44,6 +45,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     let plan = LightPlan::new(&args.lights, (&args.env_options).into())?;
     refuse_options_without_light(plan.env(), (&args.env_options).into())?;
     let mut set = CameraSet::choose(&(&args.views).into(), &opened)?;
+    note_turned(args.views.upright, &set);
     if let Some(count) = args.lights.turn_light {
         set = of_one_camera(set, count);
     }

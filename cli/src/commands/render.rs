@@ -37,6 +37,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     let ViewOptions { scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
     let set = CameraSet::choose(&(&args.views).into(), &opened)?;
+    note_turned(args.views.upright, &set);
     note_oddities(&opened);
     let orientation = opened.orientation(scene_options.scene_up.map(Into::into))?;
     let up = orientation::up(&orientation);
@@ -67,7 +68,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
         folder: &folder,
         has_numbers: args.views.exr,
     };
-    let true_views = if args.env.is_none() { true_views(&opened, &set) } else { Vec::new() };
+    let true_views = if args.env.is_none() && !set.is_turned { true_views(&opened, &set) } else { Vec::new() };
     job.write_true_pictures(&true_views)?;
     let channels = Layer::channels(&layers);
     let mut check = match args.verify_omissions {
@@ -104,6 +105,13 @@ fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
     }
     refuse_transparent_layers(&args.views, &args.layers)?;
     Ok(())
+}
+
+/// Notes the effect of --upright where pictures do not show it.
+pub(super) fn note_turned(is_upright: bool, set: &CameraSet) {
+    if is_upright && !set.is_turned {
+        tracing::info!("every picture is upright already, so --upright turned none");
+    }
 }
 
 /// Parts of the folder's name, one for each difference from `specula render MODEL`.

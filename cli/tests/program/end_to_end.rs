@@ -431,7 +431,7 @@ fn objects_get_materials_unless_these_are_left_out() {
 
 #[test]
 fn a_video_shows_a_turntable_where_ffmpeg_is_installed() {
-    if !std::process::Command::new("ffmpeg").arg("-version").output().is_ok_and(|output| output.status.success()) {
+    if !Command::new("ffmpeg").arg("-version").output().is_ok_and(|output| output.status.success()) {
         eprintln!("NOT TESTED, because there is no ffmpeg");
         return;
     }

@@ -216,6 +216,26 @@ mod symmetries {
         }
 
         #[test]
+        fn a_turned_camera_shows_the_turned_picture(camera in camera(), mean in [-0.8..0.8_f64, -0.8..0.8, -0.8..0.8]) {
+            let point = |camera: &Camera| {
+                let projected = project::project(&shape(mean, [-2.0; 3], [1.0, 0.0, 0.0, 0.0]), &camera.lift(Double(0.0)));
+                projected.mean2d.map(Double::value)
+            };
+            let (turned, [x, y]) = (camera.turned_clockwise(), point(&camera));
+            assert_all_close(&point(&turned), &[f64::from(camera.height) - y, x], ROTATED_SCENE);
+            assert_eq!([turned.width, turned.height], [camera.height, camera.width]);
+            // Whichever way a camera lies, the picture shows upwards the same direction.
+            let up = camera.camera_from_world.row(1) * -1.0;
+            let mut lying = camera;
+            for quarter in 0..4 {
+                let [x, y] = point(&lying.upright(up));
+                assert_all_close(&[x, y], &point(&camera), ROTATED_SCENE);
+                prop_assert_eq!(lying.upright(up) == lying, quarter == 0);
+                lying = lying.turned_clockwise();
+            }
+        }
+
+        #[test]
         fn a_covariance_has_the_squared_scales_for_eigenvalues(quat in quat(), scales in log_scales(-2.0..1.0)) {
             let [xx, xy, xz, yy, yz, zz] = covariance::covariance(quat.map(Double), vector(scales)).map(Double::value);
             let variances = scales.map(|s| (2.0 * s).exp());
