@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Makes the pictures of README's first screen: an object turning under three lights, and a row of stills.
+"""Makes the animation of README's first screen: an object turning under three lights.
 
     scripts/first-screen.py SCENE OUT [SPECULA]
 
-SCENE is a data set in the layout of NeRF Synthetic with lights in relight/NAME.hdr, such as a path-traced `toaster`. Models
-are trained into OUT unless they are there already. Writes docs/turntable.webp and docs/stills.jpg. Needs Pillow.
+SCENE is a data set in the layout of NeRF Synthetic with lights in relight/NAME.hdr, such as a path-traced `toaster`. A model
+is trained into OUT unless it is there already. Writes docs/turntable.webp. Needs Pillow.
 """
 
 import subprocess
@@ -14,7 +14,6 @@ from pathlib import Path
 from PIL import Image, ImageDraw, ImageFont
 
 FRAMES, EDGE, SECONDS, LABEL = 60, 280, 6, 24
-VIEW = 12
 
 
 def main(scene, out, specula):
@@ -23,19 +22,17 @@ def main(scene, out, specula):
     def run(*arguments):
         subprocess.run([specula, *map(str, arguments), "--executor", "cpu"], check=True)
 
-    models = {profile: out / profile for profile in ("specula", "3dgs")}
-    for profile, model in models.items():
-        if not (model / "results.json").exists():
-            settings = ["--eval", "-r", 2, "--iterations", 1500, "--random-points", 20000]
-            run("train", scene, "-m", model, "--profile", profile, *settings)
+    model = out / "specula"
+    if not (model / "results.json").exists():
+        run("train", scene, "-m", model, "--eval", "-r", 2, "--iterations", 1500)
 
     turns = {"captured light": out / "turn" / "captured"}
     camera = ["--turntable", FRAMES, "--size", f"{EDGE},{EDGE}"]
-    run("render", models["specula"], *camera, "-o", turns["captured light"])
+    run("render", model, *camera, "-o", turns["captured light"])
     camera += ["--background", "env"]
     for light in sorted((scene / "relight").glob("*.hdr")):
         turns[light.stem] = out / "turn" / light.stem
-        run("relight", models["specula"], "--env", light, *camera, "-o", turns[light.stem])
+        run("relight", model, "--env", light, *camera, "-o", turns[light.stem])
     rows = {label: sorted((folder / "rgb").glob("*.png")) for label, folder in turns.items()}
     frames = [strip({label: Image.open(files[k]) for label, files in rows.items()}) for k in range(FRAMES)]
     frames[0].save(
@@ -47,23 +44,6 @@ def main(scene, out, specula):
         quality=70,
         method=6,
     )
-
-    for profile, model in models.items():
-        run("render", model, "--layers", "rgb,normal", "--size", "400,400", "-o", out / "views" / profile)
-    view = lambda profile, layer: sorted((out / "views" / profile / layer).glob("*.png"), key=number)[VIEW]
-    stills = {
-        "truth": Image.open(scene / "test" / f"r_{VIEW}.png"),
-        "3dgs": Image.open(view("3dgs", "rgb")),
-        "specula": Image.open(view("specula", "rgb")),
-        "normals": Image.open(view("specula", "normal")),
-    }
-    strip({label: picture.resize((210, 210), Image.LANCZOS) for label, picture in stills.items()}).save(
-        root / "docs/stills.jpg", quality=90
-    )
-
-
-def number(path):
-    return int("".join(filter(str.isdigit, path.stem)) or 0)
 
 
 def strip(pictures):
