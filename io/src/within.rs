@@ -147,11 +147,15 @@ fn open_to_lock(path: &Path) -> Result<File> {
 
 /// Returns whether a file has more than one name (hard links), so that its content is not only of
 /// one folder.
+#[cfg(unix)]
 fn has_other_names(file: &File) -> bool {
-    #[cfg(unix)]
-    return file.metadata().is_ok_and(|found| std::os::unix::fs::MetadataExt::nlink(&found) > 1);
-    #[cfg(not(unix))]
-    return false;
+    file.metadata().is_ok_and(|found| std::os::unix::fs::MetadataExt::nlink(&found) > 1)
+}
+
+/// Number of names that is not known: `false`.
+#[cfg(not(unix))]
+fn has_other_names(_: &File) -> bool {
+    false
 }
 
 #[cfg(all(test, unix))]

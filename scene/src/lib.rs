@@ -32,7 +32,7 @@
 //! | [`backdrop`], [`layer`], [`rendering`], [`picture_folder`] | pictures as files |
 //! | [`light_file`], [`environment`], [`prefiltered`] | lights from files, and for other programs |
 //! | [`number`], [`text`] | numbers and names as they are shown |
-//! | [`Lighting`], [`lamps`], [`ground`] | environment, suns and lamps, and surfaces that cast and catch their shadows |
+//! | [`Lighting`], [`lamps`], [`ground`] | environments, suns, lamps, and their shadows |
 //! | [`export`], [`bake`], [`fusion`], [`upright`] | Gaussians and meshes for other programs |
 
 pub mod backdrop;
