@@ -33,7 +33,7 @@ let wasm_bindgen = (function(exports) {
             return ret >>> 0;
         }
         /**
-         * Point of the scene, where one was asked for and is there.
+         * Point of the scene, if one was requested and exists.
          * @returns {Float32Array | undefined}
          */
         get point() {
