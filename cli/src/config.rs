@@ -274,6 +274,7 @@ fn first_difference(now: &Table, then: &Table) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::args::AT_MOST_1100;
     use clap::ValueEnum;
     use core::str::FromStr;
     use specula_scene::backdrop::BackgroundColor;
@@ -389,12 +390,12 @@ mod tests {
         };
         let shape = |train: &Train| (train.resolution, train.iterations, train.start.background_points);
         let bare = of("", "specula train data -m out --preset photos");
-        assert_eq!((shape(&bare), bare.background), ((4, 7000, 5000), Some(BackgroundColor::BLACK)));
+        assert_eq!((shape(&bare), bare.background), ((AT_MOST_1100, 7000, 5000), Some(BackgroundColor::BLACK)));
         let file = "resolution = 2\niterations = 100\nwhite-background = false";
         let one = of(file, "specula train data -m out --preset photos -r 8 --config x");
         assert_eq!((shape(&one), one.background), ((8, 100, 5000), Some(BackgroundColor::BLACK)));
         let other = of("white-background = true", "specula train data -m out --preset photos --iterations 9");
-        assert_eq!((shape(&other), other.background, other.white_background), ((4, 9, 5000), None, true));
+        assert_eq!((shape(&other), other.background, other.white_background), ((AT_MOST_1100, 9, 5000), None, true));
         let third = of("", "specula train data -m out --preset photos -w --random-points 5");
         assert_eq!((third.background, third.white_background, third.start.random_points), (None, true, Some(5)));
     }

@@ -158,6 +158,7 @@ fn without_selection(words: Vec<OsString>) -> Vec<OsString> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::args::AT_MOST_1100;
     use crate::args::{self, LightReference};
     use clap::Parser;
     use std::{fs, path::PathBuf};
@@ -214,8 +215,8 @@ mod tests {
         let text = format!("{TWO}preset = \"photos\"\n");
         let of = |line: &str| manifest(&text, line).1.expect("it is valid").expect("there is one").tasks;
         let factors = |tasks: &[Task]| tasks.iter().map(|task| task.train.resolution).collect::<Vec<_>>();
-        assert_eq!(factors(&of("specula train --manifest FILE")), [1, 4]);
-        assert_eq!(factors(&of("specula train --manifest FILE --preset photos")), [4, 4]);
+        assert_eq!(factors(&of("specula train --manifest FILE")), [1, AT_MOST_1100]);
+        assert_eq!(factors(&of("specula train --manifest FILE --preset photos")), [AT_MOST_1100; 2]);
         assert_eq!(factors(&of("specula train --manifest FILE -r 2")), [2, 2]);
     }
 

@@ -13,6 +13,8 @@ pub(crate) struct Plan {
     pub(crate) pauses: Vec<u64>,
     /// Expected cost of a pause, until one is over.
     pub(crate) pause_cost: f64,
+    /// First steps, whose rate counts until they are over: pictures are decoded in them.
+    pub(crate) warm_up: u64,
 }
 
 /// Estimate that learns from the steps done.
@@ -68,6 +70,9 @@ impl TimeLeft {
             Some(mean) if pauses > 0.0 => passed.min(mean * cost),
             _ => passed,
         };
+        if (self.done..done).contains(&self.plan.warm_up) {
+            self.steps = Sum::default();
+        }
         self.steps.add(cost, step_seconds);
         self.pauses.add(pauses, passed - step_seconds);
         (self.done, self.seconds) = (done, seconds);
@@ -153,6 +158,7 @@ mod tests {
             costs: (0..=10).map(|step| factor * f64::from(step)).collect(),
             pauses: vec![5, 8],
             pause_cost: 3.0,
+            warm_up: 0,
         };
         let mut left = TimeLeft::new(plan(1.0), 0);
         left.advance(4, 8.0);
@@ -161,6 +167,16 @@ mod tests {
         assert_eq!(left.seconds(10), Some(2.0 * 5.0 + 10.0), "the pause took 10 s");
         left.replan(plan(2.0));
         assert_eq!(left.seconds(10), Some(4.0 * 5.0 + 10.0), "steps to come cost twice as much");
+    }
+
+    #[test]
+    fn the_rate_of_the_first_steps_is_forgotten_once_they_are_over() {
+        let mut left = TimeLeft::new(Plan { warm_up: 2, ..Plan::default() }, 0);
+        left.advance(1, 5.0);
+        left.advance(2, 10.0);
+        assert_eq!(left.seconds(10), Some(40.0), "nothing else is known");
+        left.advance(3, 11.0);
+        assert_eq!(left.seconds(10), Some(7.0));
     }
 
     #[test]

@@ -25,8 +25,9 @@ type Pause<'a> = dyn FnMut(&mut Training) -> Result<(), Failure> + 'a;
 pub(crate) struct Session<'a> {
     pictures: &'a dyn PictureSource,
     points: &'a [Point],
-    /// Mean number of pixels of a picture.
+    /// Mean number of pixels of a picture, and number of pictures.
     pixels: usize,
+    views: usize,
     /// Start of the notes of one of several ranks.
     prefix: String,
     pause: Option<Box<Pause<'a>>>,
@@ -50,6 +51,7 @@ impl<'a> Session<'a> {
             pictures,
             points,
             pixels: 0,
+            views: 0,
             prefix: String::new(),
             pause: None,
             live: None,
@@ -62,7 +64,7 @@ impl<'a> Session<'a> {
     pub(crate) fn showing<'c>(self, cameras: impl ExactSizeIterator<Item = &'c Camera>) -> Self {
         let count = cameras.len().max(1);
         let pixels = cameras.map(|camera| camera.width as usize * camera.height as usize).sum::<usize>() / count;
-        Self { pixels, ..self }
+        Self { pixels, views: count, ..self }
     }
 
     /// Session of one of several ranks.
@@ -91,7 +93,7 @@ impl<'a> Session<'a> {
         pauses: &[u32],
     ) -> Result<Outcome, Failure> {
         let work = progress::work(title, (*iterations).into());
-        let expectation = Expectation::new(training, profile, *iterations, self.pixels, pauses);
+        let expectation = Expectation::new(training, profile, *iterations, [self.pixels, self.views], pauses);
         self.work = Some(work.resumed(training.iteration().into(), training.seconds(), expectation.plan(0)));
         self.expectation = Some(expectation);
         let outcome = training.run(pauses, &mut self)?;
@@ -116,10 +118,18 @@ struct Expectation {
     slow: Vec<u64>,
     /// Number of Gaussians now.
     count: usize,
+    /// Step after which every picture was decoded.
+    warm_up: u64,
 }
 
 impl Expectation {
-    fn new(training: &Training, profile: &Profile, iterations: u32, pixels: usize, pauses: &[u32]) -> Self {
+    fn new(
+        training: &Training,
+        profile: &Profile,
+        iterations: u32,
+        [pixels, views]: [usize; 2],
+        pauses: &[u32],
+    ) -> Self {
         let is_slow = |step: &u32| {
             let has_new_surface = profile.near_field.is_some_and(|schedule| schedule.is_due(*step, iterations));
             has_new_surface || pauses.contains(&(step - 1))
@@ -132,6 +142,7 @@ impl Expectation {
             start: (count, profile.share_of_growth(training.iteration(), iterations)),
             slow: (1..=iterations).filter(is_slow).map(u64::from).collect(),
             count,
+            warm_up: u64::from(training.iteration()) + views as u64,
         }
     }
 
@@ -156,7 +167,7 @@ impl Expectation {
             }
             Some(*sum)
         });
-        Plan { costs: costs.collect(), pauses: self.slow.clone(), pause_cost: SURFACE }
+        Plan { costs: costs.collect(), pauses: self.slow.clone(), pause_cost: SURFACE, warm_up: self.warm_up }
     }
 }
 

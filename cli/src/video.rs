@@ -13,7 +13,7 @@ use std::{
 use tempfile::TempDir;
 
 /// Endings of videos.
-const ENDINGS: [&str; 6] = ["mp4", "mov", "mkv", "webm", "webp", "gif"];
+const ENDINGS: [&str; 8] = ["mp4", "m4v", "mov", "mkv", "avi", "webm", "webp", "gif"];
 /// Filter for codecs with half the resolution in colour, which need even sizes.
 const EVEN: [&str; 4] = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p"];
 /// A GIF has 256 colours: those of all its pictures.

@@ -146,7 +146,7 @@ fn one_command_trains_and_measures_a_suite_and_continues_where_it_was_interrupte
     assert!(said.contains("[4/4] car, 3dgs, seed 1"), "{said}");
     assert_eq!(fs::read_to_string(suite.out().join("table.md")).unwrap(), table);
     assert!(table.contains("\n| ball | 3dgs | 2 | ") && table.contains(" ± "), "{table}");
-    assert!(fs::read_to_string(suite.out().join("runs.tex")).unwrap().starts_with("\\begin{tabular}"));
+    assert!(fs::read_to_string(suite.out().join("runs.tex")).unwrap().contains("\n\\begin{tabular}"));
 
     for measure in ["PSNR", "SSIM", "MAE", "MAE_weighted"] {
         let [ball, car] = ["ball", "car"].map(|scene| suite.recorded(scene, measure));

@@ -144,10 +144,10 @@ pub(super) fn finish(
     let facts = format!("{} Gaussians, {iteration} iterations, {seconds:.0} s{}", group_digits(count), peak_memory());
     if !args.eval {
         output::say(&facts)?;
-        tracing::info!("{}", next_commands(args, &scene));
+        tracing::info!("{}", next_commands(args, &scene, iteration));
         return Ok(());
     }
-    let next = next_commands(args, &scene);
+    let next = next_commands(args, &scene, iteration);
     let options = RenderOptions::full_precision(training.choice().clone());
     let materials = materials_of(&scene, &options, views.data)?;
     let light = measured_light(args, &scene, &info, views);
@@ -188,10 +188,11 @@ fn measured_light(args: &Train, scene: &Scene, info: &ModelInfo, views: &Views<'
 }
 
 /// Note with commands for a trained model.
-fn next_commands(args: &Train, scene: &Scene) -> String {
+fn next_commands(args: &Train, scene: &Scene, iteration: u32) -> String {
     let model = shell_word(&args.model_path.to_string_lossy());
+    let light = shell_word(&model_folder::hdr_at(&args.model_path, iteration).to_string_lossy());
     let relight = match (scene.gaussians.layout.is_physical, scene.light.is_some()) {
-        (true, _) => format!(", specula relight {model} --sun 30,45 --ground"),
+        (true, _) => format!(", specula relight {model} --env {light} --sun 30,45 --ground"),
         (false, true) => format!(", specula relight {model} --env LIGHT.hdr"),
         (false, false) => String::new(),
     };
