@@ -536,7 +536,7 @@ const GLTF: Target = Target {
 const NETWORK: Target = Target {
     file: "a.onnx",
     make: |folder| {
-        fs::write(folder.join("a.onnx"), include_bytes!("../../accuracy/tests/data/lpips-vgg.onnx")).unwrap();
+        fs::write(folder.join("a.onnx"), include_bytes!("../../crates/accuracy/tests/data/lpips-vgg.onnx")).unwrap();
     },
     read: |folder| {
         let path = folder.join("a.onnx");

@@ -299,7 +299,7 @@ fn broken_truths_of_materials_and_light_are_told_in_one_sentence() {
 
 /// A network of a few channels with random weights; what it says is compared with the reference
 /// package elsewhere.
-const NETWORK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../accuracy/tests/data/lpips-vgg.onnx");
+const NETWORK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../crates/accuracy/tests/data/lpips-vgg.onnx");
 
 #[test]
 fn lpips_is_kept_with_the_network_that_measured_it() {
