@@ -26,7 +26,7 @@ pub(crate) use lights::{EnvChoice, LampOptions, Lights};
 pub(crate) use measure::{Compare, Eval, Report, TableFormat};
 pub(crate) use prefilter::{MipName, Prefilter, SchemeName};
 pub(crate) use preset::Preset;
-pub(crate) use render::{Relight, Render, ViewOptions};
+pub(crate) use render::{DEFAULT_LAYERS, Relight, Render, ViewOptions};
 pub(crate) use scene::{ProfileName, Up};
 use specula_scene::ExecutorChoice;
 use std::ffi::OsString;

@@ -11,6 +11,7 @@ use specula_scene::{
     capture::{Capture, Reading},
     dataset::{Dataset, Misplaced},
     orientation,
+    text::shown,
 };
 use specula_train::exchange::Exchange;
 use std::path::Path;
@@ -108,7 +109,12 @@ fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
         Misplaced::CamerasOf { program, remedy } => {
             format!("{folder:?} has cameras of {program}, which are not read; {remedy}")
         }
-        Misplaced::Pictures { count, folder: pictures } => format!(
+        Misplaced::Pictures { count, folder: pictures, unread: Some(ending) } => format!(
+            "{pictures:?} has {count} pictures in .{ending}, which is not read, and {folder:?} has no cameras; convert \
+             them to JPEG, such as with magick mogrify -format jpg {}, and let COLMAP find their cameras",
+            shown(&pictures.join(format!("*.{ending}")))
+        ),
+        Misplaced::Pictures { count, folder: pictures, unread: None } => format!(
             "{pictures:?} has {count} pictures, but {folder:?} no cameras (no transforms_train.json, transforms.json or \
              sparse/0); COLMAP finds them: colmap automatic_reconstructor --workspace_path {folder:?} --image_path \
              {pictures:?}"

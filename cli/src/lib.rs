@@ -10,6 +10,7 @@ mod config;
 mod dataset;
 mod failure;
 mod help;
+mod included;
 mod interrupt;
 mod lights;
 mod manifest;

@@ -114,8 +114,8 @@ impl LightPlan {
         };
         if env.is_none() && suns.is_empty() && spheres.is_empty() {
             return Err(Failure::Input(
-                "the scene would be dark; name an environment map with --env, a sun with --sun 30,45, or a lamp with \
-                 --lamp 1,0,2,5"
+                "the scene would be dark; name an environment map with --env, such as --env sunset, a sun with --sun \
+                 30,45, or a lamp with --lamp 1,0,2,5"
                     .into(),
             ));
         }

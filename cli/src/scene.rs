@@ -3,6 +3,7 @@
 use crate::{
     args::{ProfileName, ViewOptions},
     failure::Failure,
+    included::{self, LIGHTS},
     progress,
 };
 use glam::Vec3;
@@ -247,12 +248,26 @@ pub(crate) fn measure_held_out(
 /// Lat-long map from a file, times two to the power of the exposure. Numbers that are no radiance
 /// are replaced, and logged.
 pub(crate) fn read_env(path: &Path, exposure: f32) -> Result<LatLong, Failure> {
-    let (mut map, warnings) = light_file::read(Input::file(path))?;
+    let (mut map, warnings) = light_file::read(light_input(path)?)?;
     warnings.iter().for_each(|warning| tracing::info!("{warning}"));
     map.rgb.iter_mut().for_each(|radiance| *radiance *= exposure.exp2());
     budget::radiance(path, &map.rgb)?;
     Ok(map)
 }
+
+/// Map of a file, or else one that the program contains.
+fn light_input(path: &Path) -> Result<Input<'_>, Failure> {
+    let name = path.to_str().unwrap_or_default();
+    match included::light(name).filter(|_| !path.exists()) {
+        Some(bytes) => Ok(Input::memory(name, bytes)),
+        None if path.exists() || path.extension().is_some() => Ok(Input::file(path)),
+        None => Err(Failure::Input(format!(
+            "there is no file {path:?}, and the program contains no light of this name; name a .hdr or .exr file, or {}",
+            LIGHTS.join(", ")
+        ))),
+    }
+}
+
 /// Requested layers that the scene has.
 ///
 /// # Errors

@@ -1,9 +1,14 @@
 //! Videos of pictures, which ffmpeg encodes.
 
-use crate::{args::ViewOptions, failure::Failure, output};
+use crate::{
+    args::{self, ViewOptions},
+    failure::Failure,
+    output,
+};
 use core::slice;
 use specula_scene::{
-    Layer, backdrop::BackgroundChoice, picture_folder::PictureFolder, rendering::FRAME_MS, text::shown,
+    Layer, backdrop::BackgroundChoice, camera_set::CameraSet, picture_folder::PictureFolder, rendering::FRAME_MS,
+    text::shown,
 };
 use std::{
     fs, io,
@@ -15,13 +20,10 @@ use tempfile::TempDir;
 /// Endings of videos.
 const ENDINGS: [&str; 8] = ["mp4", "m4v", "mov", "mkv", "avi", "webm", "webp", "gif"];
 /// Filter for codecs with half the resolution in colour, which need even sizes.
-const EVEN: [&str; 4] = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p"];
+const EVEN: [&str; 4] = ["-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2", "-pix_fmt", "yuv420p"];
 /// A GIF has 256 colours: those of all its pictures.
 const PALETTE: [&str; 2] = ["-vf", "split[a][b];[a]palettegen[p];[b][p]paletteuse"];
 const WEBP: [&str; 6] = ["-c:v", "libwebp_anim", "-quality", "85", "-loop", "0"];
-
-/// Layers of `specula render` where none are named.
-const DEFAULT_LAYERS: [Layer; 4] = [Layer::Rgb, Layer::Normal, Layer::Depth, Layer::Alpha];
 
 /// Video that -o names, and the folder of its pictures until it is encoded.
 #[derive(Debug)]
@@ -45,12 +47,13 @@ impl Video {
         layers: &[Layer],
     ) -> Result<Option<Self>, Failure> {
         let Some(path) = requested else { return Ok(None) };
-        let Some(ending) = output::ending(path).filter(|ending| ENDINGS.contains(&ending.as_str())) else {
-            return Ok(None);
-        };
+        let ending = output::ending(path).unwrap_or_default();
+        if !ENDINGS.contains(&ending.as_str()) {
+            return refuse_other_file(path, &ending).map(|()| None);
+        }
         let layer = match layers {
             [layer] if Layer::expanded(layers).len() == 1 => *layer,
-            layers if layers == DEFAULT_LAYERS => Layer::Rgb,
+            layers if layers == args::DEFAULT_LAYERS => Layer::Rgb,
             _ => {
                 return Err(Failure::Input(format!(
                     "{path:?} is a video, which shows one layer; name one with --layers"
@@ -78,11 +81,22 @@ impl Video {
                 shown(path)
             )));
         }
-        let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let parent = output::folder_of(path);
         output::make_folder(parent)?;
         let pictures = tempfile::Builder::new().prefix(".specula-").tempdir_in(parent);
         let pictures = pictures.map_err(|source| failure(parent, source))?;
         Ok(Some(Self { path: path.to_owned(), layer, pictures }))
+    }
+
+    /// Notes views of a data set, which no path joins.
+    pub(crate) fn note_cuts(&self, set: &CameraSet) {
+        if set.split.is_some() {
+            tracing::warn!(
+                "{:?} shows {} views of the data set one after another; add --turntable 120 for a camera that moves",
+                self.path,
+                set.cameras.len()
+            );
+        }
     }
 
     /// Layer that it shows, as a list.
@@ -132,6 +146,19 @@ pub(crate) fn finish(video: Option<&Video>, folder: &PictureFolder) -> Result<()
     let Some(video) = video else { return output::say(&shown(&folder.path)) };
     video.encode(folder)?;
     output::say(&shown(&video.path))
+}
+
+/// Refuses a folder that is named like a file, unless it is there.
+fn refuse_other_file(path: &Path, ending: &str) -> Result<(), Failure> {
+    let is_of_files = (2..=4).contains(&ending.len()) && ending.chars().all(|letter| letter.is_ascii_alphabetic());
+    if !is_of_files || path.is_dir() {
+        return Ok(());
+    }
+    Err(Failure::Input(format!(
+        "{path:?} is named neither like a folder of pictures nor like a video ({}); pictures are written to -o {}",
+        ENDINGS.map(|ending| format!(".{ending}")).join(", "),
+        shown(&path.with_extension(""))
+    )))
 }
 
 fn has_ffmpeg() -> bool {

@@ -10,9 +10,9 @@ use std::{convert::Infallible, path::PathBuf};
 /// Light that replaces that of the training.
 #[derive(Args, Debug)]
 pub(crate) struct Lights {
-    /// Environment map: lat-long, .hdr or .exr. Without one, or with none, only suns and lamps
-    /// shine.
-    #[arg(long, value_name = "FILE|none")]
+    /// Environment map: a lat-long file, .hdr or .exr; or sunset, forest or workshop, which the
+    /// program contains. Without one, or with none, only suns and lamps shine.
+    #[arg(long, value_name = "FILE|NAME|none")]
     pub(crate) env: Option<EnvChoice>,
     #[command(flatten)]
     pub(crate) lamps: LampOptions,

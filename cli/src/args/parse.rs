@@ -5,7 +5,7 @@ use specula_core::{
     cutoffs::{BlendOrder, ProjectionModel, WINDOW, WINDOW_MAX},
     lamps::RAYS_MAX,
 };
-use specula_io::budget::view_size;
+use specula_io::{budget::view_size, dataset::MaskUse};
 use specula_scene::{ExecutorChoice, device::InvalidExecutor};
 use std::net::ToSocketAddrs;
 
@@ -73,6 +73,10 @@ pub(super) fn token(text: &str) -> Result<String, String> {
     const LENGTH_MIN: usize = 8;
     let is_fine = text.len() >= LENGTH_MIN && text.bytes().all(|byte| byte.is_ascii_alphanumeric());
     if is_fine { Ok(text.to_owned()) } else { Err(format!("use {LENGTH_MIN} letters and digits or more")) }
+}
+
+pub(super) fn masks(text: &str) -> Result<MaskUse, String> {
+    MaskUse::named(text).ok_or_else(|| "expected auto, ignore or cut".into())
 }
 
 pub(super) fn projection(text: &str) -> Result<ProjectionModel, String> {

@@ -47,7 +47,7 @@ pub(crate) struct Render {
     #[arg(long, short, value_name = "OUT")]
     pub(crate) output: Option<PathBuf>,
     /// Layers to render, separated by commas.
-    #[arg(long, value_parser = layer(), value_delimiter = ',', default_value = "rgb,normal,depth,alpha")]
+    #[arg(long, value_parser = layer(), value_delimiter = ',', default_values = DEFAULT_LAYERS.map(Layer::name))]
     pub(crate) layers: Vec<Layer>,
     /// Environment map that replaces the light of the scene: lat-long, .hdr or .exr (.png, .jpg and
     /// .webp have no radiance above white).
@@ -71,6 +71,9 @@ pub(crate) struct Render {
     pub(crate) no_verify: bool,
 }
 
+/// Layers that `specula render` renders unless others are named.
+pub(crate) const DEFAULT_LAYERS: [Layer; 4] = [Layer::Rgb, Layer::Normal, Layer::Depth, Layer::Alpha];
+
 /// Parser of a layer's name.
 pub(super) fn layer() -> impl TypedValueParser<Value = Layer> {
     let names = Layer::EACH.into_iter().chain([Layer::All]).map(Layer::name);
@@ -87,8 +90,8 @@ pub(super) fn layer() -> impl TypedValueParser<Value = Layer> {
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
-  specula relight out/spheres --env sunset.hdr
-  specula relight out/spheres --env sunset.hdr --background env
+  specula relight out/spheres --env sunset
+  specula relight out/spheres --env studio.exr --background env
   specula relight out/spheres --env sunset.hdr --exposure 1 --turntable 36 -o turn
   specula relight out/spheres --sun 30,45
   specula relight out/spheres --env sunset.hdr --exposure -2 --sun 30,20,4,2:ffcc99
@@ -123,7 +126,7 @@ pub(crate) struct Relight {
 }
 
 /// Cameras, size, background and files of pictures.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 pub(crate) struct ViewOptions {
     /// Camera file: transforms.json, or cameras.json in INRIA's format.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["split", "turntable"])]

@@ -16,7 +16,7 @@ use specula_scene::{
 };
 
 /// Interpretation of a scene, and its executor.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 pub(crate) struct SceneOptions {
     /// Profile that the attributes are read with, if the scene names none or a wrong one.
     #[arg(long, value_enum)]
@@ -121,7 +121,7 @@ pub(crate) enum ShadingName {
 }
 
 /// Interpretation of an environment map.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 pub(crate) struct EnvOptions {
     /// Up direction of the file: that of the scene, z as in Blender, or y as in GaussianShader's
     /// files.

@@ -3,7 +3,9 @@
 
 use super::{
     light_reference::LightReference,
-    parse::{address, count, downscale, error_bound, executor, positive, share, token, weight, whole_above_zero},
+    parse::{
+        address, count, downscale, error_bound, executor, masks, positive, share, token, weight, whole_above_zero,
+    },
     preset::Preset,
     scene::ProfileName,
     view,
@@ -11,6 +13,7 @@ use super::{
 use clap::{Args, ValueEnum, builder::ArgPredicate};
 use core::net::SocketAddr;
 use serde::{Serialize, Serializer};
+use specula_io::dataset::MaskUse;
 use specula_scene::{ExecutorChoice, backdrop::BackgroundColor, foreground::Foreground, orientation::UpDirection};
 use std::{
     io::IsTerminal,
@@ -183,13 +186,16 @@ pub(crate) struct Photographs {
     /// first; 0 for none.
     #[arg(long, aliases = ["llffhold", "eval-split-every"], value_name = "N", default_value_t = specula_io::dataset::TEST_EVERY, value_parser = count::<u32>)]
     pub(crate) test_every: u32,
+    /// Pixels that masks hide are not counted (ignore) or empty (cut); auto: cut if masks hide most
+    /// of the pictures.
+    #[arg(long, value_name = "USE", default_value = MaskUse::Auto.name(), value_parser = masks)]
+    pub(crate) masks: MaskUse,
     /// Up direction of the scene, if the one estimated from the cameras is wrong: an axis such as z
     /// or
     /// -y, or a vector.
     #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
     pub(crate) scene_up: Option<UpDirection>,
-    /// Learn the exposure of each photograph, an affine colour map, and write it to
-    /// MODEL/exposure.json.
+    /// Learn an affine colour map of each photograph, into exposure.json.
     #[arg(long)]
     pub(crate) exposure: bool,
 }
@@ -266,7 +272,7 @@ pub(crate) struct Many {
     /// docs/many-scenes.md. Finished trainings are kept, interrupted ones continue.
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["dataset", "source_path", "model_path", "resume", "config", "view"])]
     pub(crate) manifest: Option<PathBuf>,
-    /// Train the K-th of the manifest alone, from 1, such as the task of a Slurm array.
+    /// Train only the K-th of the manifest, such as a task of a Slurm array.
     #[arg(long, value_name = "K", requires = "manifest", value_parser = positive::<usize>)]
     pub(crate) task: Option<usize>,
     /// Print a command for each training of the manifest, and train none.

@@ -1,13 +1,11 @@
 //! `specula demo`: a small scene from pictures to relit pictures, beside plain Gaussian splatting.
 
-mod data;
-
 use crate::{
     args::{Arguments, Command, Demo},
     commands::export,
     dataset,
     failure::Failure,
-    interrupt, output, progress,
+    included, interrupt, output, progress,
     scene::measure_views,
     training::Session,
 };
@@ -128,7 +126,7 @@ fn lock(args: &Demo) -> Result<Lock, Failure> {
 /// Unpacks the data and draws random points.
 fn prepare(args: &Demo) -> Result<(Dataset, Vec<Point>), Failure> {
     let source = args.output.join("data");
-    data::unpack(&source)?;
+    included::unpack(&source)?;
     let data = progress::silently(|| dataset::load(&source, &LoadOptions::default()))?;
     let points = random_points(POINTS, &data.train, SEED);
     interrupt::watch()?;

@@ -75,8 +75,7 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         relight(&mut opened.scene, env, (&args.env_options).into(), up)?;
     }
     for path in &args.output {
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-        output::make_folder(folder.unwrap_or(Path::new(".")))?;
+        output::make_folder(output::folder_of(path))?;
     }
     let placement = if args.upright { Some(placement(args, &opened)?) } else { None };
     let background = background_of(&opened, args.background);

@@ -32,8 +32,7 @@ pub(crate) fn write(args: &Prefilter, light: &Environment<Vec<f32>>) -> Result<(
 fn filter(args: &Prefilter, light: &Environment<Vec<f32>>) -> Result<(), Failure> {
     let format = format_of(&args.output)?;
     let levels = levels(args, light.resolution)?;
-    let folder = args.output.parent().filter(|folder| !folder.as_os_str().is_empty());
-    output::make_folder(folder.unwrap_or(Path::new(".")))?;
+    output::make_folder(output::folder_of(&args.output))?;
     let filtered = PrefilteredLight::new(light, args.chain(), levels, args.up.axis())?;
     filtered.write(&args.output, format)?;
     let description = filtered.description(&args.output, format, &output::absolute(&args.env), args.exposure);

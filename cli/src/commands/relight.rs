@@ -17,7 +17,7 @@ use specula_io::picture::{self, DynamicImage};
 use specula_report::relighting::{GroundTruth, RelightingQuality};
 use specula_scene::{
     Layer, Lighting, OpenedModel, RenderOptions, SceneRenderer,
-    backdrop::Backdrop,
+    backdrop::{Backdrop, BackgroundChoice, BackgroundColor},
     camera_set::CameraSet,
     light_file::write_light_preview,
     orientation,
@@ -34,20 +34,24 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
         ));
     }
     if args.lights.turn_light.is_some() && (args.layers != [Layer::Rgb] || args.views.exr) {
-        return Err(Failure::Input("--turn-light shows colours alone; use it without --layers and --exr".into()));
+        return Err(Failure::Input("--turn-light shows only colours; use it without --layers and --exr".into()));
     }
     refuse_transparent_layers(&args.views, &args.layers)?;
     let video = Video::requested(args.output.as_deref(), &args.views, &args.layers)?;
     let output = video.as_ref().map(Video::pictures).or(args.output.as_deref());
     let layers = video.as_ref().map_or(&args.layers[..], Video::layers);
-    let ViewOptions { background, scene_options, .. } = &args.views;
+    let ViewOptions { scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
+    let views = &over_ground(args, &opened);
     let plan = LightPlan::new(&args.lights, (&args.env_options).into())?;
     refuse_options_without_light(plan.env(), (&args.env_options).into())?;
     let mut set = CameraSet::choose(&(&args.views).into(), &opened)?;
     note_turned(args.views.upright, &set);
     if let Some(count) = args.lights.turn_light {
         set = of_one_camera(set, count);
+    }
+    if let Some(video) = &video {
+        video.note_cuts(&set);
     }
     let truths = args.truth.as_deref().map(|folder| GroundTruth::read(folder, &set.cameras)).transpose()?;
     let orientation = opened.orientation(scene_options.scene_up.map(Into::into))?;
@@ -58,7 +62,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     let lighting = plan.shine(&mut opened, up, &options)?;
     shade(&mut opened.scene, shading)?;
     note_guessed_up(&orientation);
-    let mut parts = differences(&opened, &options, *background, scene_options.profile.map(ProfileName::name));
+    let mut parts = differences(&opened, &options, views.background, scene_options.profile.map(ProfileName::name));
     parts.extend(shading.map(|shading| shading.name().to_owned()));
     parts.extend(plan.differences());
     let group = format!("relight/{}", plan.name());
@@ -70,10 +74,10 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     }
 
     if args.lights.turn_light.is_some() {
-        render_turning(args, opened, lighting, &set, &options, &folder)?;
+        render_turning(views, opened, lighting, up, &set, &options, &folder)?;
         return video::finish(video.as_ref(), &folder);
     }
-    let backdrop = backdrop_under(&args.views, &set, &opened, &lighting, up)?;
+    let backdrop = backdrop_under(views, &set, &opened, &lighting, up)?;
     let layers = layers_of(layers, &opened.scene)?;
     let job = PictureJob {
         cameras: &set,
@@ -102,6 +106,18 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     output::say(&format!("relighting {measured}  ({} views)", pairs.len()))
 }
 
+/// Options of the pictures. Ground is white where it would be as black as the shadows on it.
+fn over_ground(args: &Relight, opened: &OpenedModel) -> ViewOptions {
+    let is_unseen = args.lights.ground.is_some() && args.views.background.is_none() && opened.background() == [0.0; 3];
+    if !is_unseen {
+        return args.views.clone();
+    }
+    tracing::info!(
+        "the ground is white, since the model's background is black and shows no shadow; or set --background"
+    );
+    ViewOptions { background: Some(BackgroundChoice::Color(BackgroundColor([1.0; 3]))), ..args.views.clone() }
+}
+
 /// The first camera of a set, once for each picture of a light that turns.
 fn of_one_camera(set: CameraSet, count: u32) -> CameraSet {
     let camera = set.cameras[0].1;
@@ -124,14 +140,14 @@ fn backdrop_under(
 /// Renders one picture after the other under a light that turns about the scene's up direction, and
 /// an animation.
 fn render_turning(
-    args: &Relight,
+    views: &ViewOptions,
     mut opened: OpenedModel,
     mut lighting: Lighting,
+    up: Vec3,
     set: &CameraSet,
     options: &RenderOptions,
     folder: &PictureFolder,
 ) -> Result<(), Failure> {
-    let up = orientation::up(&opened.orientation(args.views.scene_options.scene_up.map(Into::into))?);
     let mut renderer = SceneRenderer::new(opened.scene.clone(), Layer::channels(&[Layer::Rgb]), options)?;
     let work = progress::work("rendering", set.cameras.len() as u64);
     let mut frames: Vec<DynamicImage> = Vec::with_capacity(set.cameras.len());
@@ -141,7 +157,7 @@ fn render_turning(
             lighting.turn = start + 360.0 * index as f32 / set.cameras.len() as f32;
             lighting.update(&mut opened.scene, &mut renderer, up, options)?;
         }
-        let backdrop = backdrop_under(&args.views, set, &opened, &lighting, up)?;
+        let backdrop = backdrop_under(views, set, &opened, &lighting, up)?;
         let frame = backdrop.picture(&renderer.render(camera)?, camera);
         picture::write(&folder.picture(Layer::Rgb, index), &frame)?;
         frames.push(frame);

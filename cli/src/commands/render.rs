@@ -38,6 +38,9 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
     let set = CameraSet::choose(&(&args.views).into(), &opened)?;
     note_turned(args.views.upright, &set);
+    if let Some(video) = &video {
+        video.note_cuts(&set);
+    }
     note_oddities(&opened);
     let orientation = opened.orientation(scene_options.scene_up.map(Into::into))?;
     let up = orientation::up(&orientation);

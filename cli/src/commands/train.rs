@@ -21,7 +21,7 @@ use specula_core::scene::RadianceActivation;
 use specula_io::{
     self as io,
     checkpoint::Facts,
-    dataset::LoadOptions,
+    dataset::{LoadOptions, MaskUse},
     exposure, latlong,
     model_folder::{self, ModelInfo},
 };
@@ -310,9 +310,9 @@ fn with_resolution(args: &Train) -> Result<Train, Failure> {
 }
 
 fn options_of(args: &Train) -> LoadOptions {
-    let Photographs { images, test_every, .. } = args.photographs.clone();
+    let Photographs { images, test_every, masks, .. } = args.photographs.clone();
     let points = args.start.points.clone();
-    LoadOptions { downscale: args.resolution, with_test: args.eval, points, images, test_every, origin: None }
+    LoadOptions { downscale: args.resolution, with_test: args.eval, points, images, test_every, origin: None, masks }
 }
 
 fn load(args: &Train, local: usize, exchange: Option<&mut dyn Exchange>) -> Result<Capture, Failure> {
@@ -329,6 +329,13 @@ fn load(args: &Train, local: usize, exchange: Option<&mut dyn Exchange>) -> Resu
             None => found,
         });
         data.orientation.iter().for_each(dataset::note_orientation);
+    }
+    if args.photographs.masks != MaskUse::Auto && data.masks() == 0 {
+        return Err(Failure::Input(format!(
+            "no picture of {source:?} has a mask, so --masks {} has no effect; put masks into {source:?}/masks, named as \
+             the pictures, or omit the option",
+            args.photographs.masks.name()
+        )));
     }
     if args.eval && data.test.is_empty() {
         return Err(Failure::Input(format!(
@@ -404,6 +411,7 @@ fn info_of(args: &Train, settings: &Settings, data: &Capture) -> Result<ModelInf
     let mut info = model_info(settings, [data.train.len(), data.test.len()], data.orientation);
     info.rest.insert("images".into(), args.photographs.images.as_str().into());
     info.rest.insert("test_every".into(), args.photographs.test_every.into());
+    info.rest.insert("masks".into(), args.photographs.masks.name().into());
     info.rest.insert("command".into(), command_line().into());
     Ok(ModelInfo {
         eval: args.eval,

@@ -7,26 +7,27 @@
 //! removed ([`crate::lens`]). A picture is rotated by its EXIF orientation where it fits its camera
 //! only so.
 
-pub use crate::named::is_picture;
 use crate::{
     blender, colmap,
     doubts::doubts,
     error::{Error, Result},
     left_out::left_out,
     listing::Listing,
+    masks,
     materials::MaterialFiles,
     named::Files,
     nerfstudio, origin,
     points_ply::{self, PointCloud},
     shot::Shot,
 };
+pub use crate::{named::is_picture, shot::has_image_ending};
 use core::sync::atomic::{AtomicUsize, Ordering};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
 pub use crate::{
-    listing::{IMAGES, LoadOptions, TEST_EVERY},
+    listing::{IMAGES, LoadOptions, MaskUse, TEST_EVERY},
     shot::{Changes, View},
 };
 
@@ -206,6 +207,7 @@ fn list(folder: &Path, options: &LoadOptions) -> Result<(Files, Listing)> {
         listing.used.push(path);
     }
     move_to_origin(&mut listing, options);
+    masks::apply(options.masks, &mut listing)?;
     Ok((files, listing))
 }
 

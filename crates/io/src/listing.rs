@@ -1,6 +1,7 @@
 //! Options and listings that all data-set formats share.
 
 use crate::{points_ply::PointCloud, shot::Shot};
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Options for reading a data set.
@@ -21,6 +22,37 @@ pub struct LoadOptions {
     /// Origin to which positions are relative, in the world of the data set, such as that of a
     /// model ([`crate::origin`]); by default it follows from the cameras.
     pub origin: Option<[f64; 3]>,
+    /// Meaning of the pixels that masks hide.
+    pub masks: MaskUse,
+}
+
+/// Meaning of the pixels that masks hide.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MaskUse {
+    /// Empty if the masks hide more than half of the training pictures, else unknown.
+    #[default]
+    Auto,
+    /// Unknown: no loss and no measure counts them.
+    Ignore,
+    /// Empty: masks cut an object out, as alpha does.
+    Cut,
+}
+
+impl MaskUse {
+    /// Meaning by its name.
+    pub fn named(name: &str) -> Option<Self> {
+        [Self::Auto, Self::Ignore, Self::Cut].into_iter().find(|masks| masks.name() == name)
+    }
+
+    /// Name in options and files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Ignore => "ignore",
+            Self::Cut => "cut",
+        }
+    }
 }
 
 impl Default for LoadOptions {
@@ -32,6 +64,7 @@ impl Default for LoadOptions {
             images: IMAGES.into(),
             test_every: TEST_EVERY,
             origin: None,
+            masks: MaskUse::default(),
         }
     }
 }

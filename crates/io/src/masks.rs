@@ -2,8 +2,11 @@
 //! pictures.
 
 use crate::{
+    error::Result,
+    listing::{Listing, MaskUse},
     named::{Files, is_picture, key_of, only, stem_of},
     photographs::some_of,
+    pixels::Mask,
     shot::{Shot, find_mask, has_image_ending},
 };
 use std::{
@@ -51,6 +54,45 @@ pub(crate) fn assign(
         notes.push(format!("{without} of {} pictures have no mask{place} and count in full", shots.len()));
     }
     masks.map(|masks| masks.folder)
+}
+
+/// Largest number of masks that decide whether they cut an object out.
+const SAMPLES: usize = 8;
+
+/// Decides whether masks cut an object out, as `LoadOptions::masks` says or as the training
+/// pictures suggest, and notes it.
+///
+/// # Errors
+///
+/// Those of the masks that are read.
+pub(crate) fn apply(masks: MaskUse, listing: &mut Listing) -> Result<()> {
+    let is_cut_out = match masks {
+        MaskUse::Ignore => false,
+        MaskUse::Cut => true,
+        MaskUse::Auto => hide_most(&listing.train, &mut listing.notes)?,
+    };
+    listing.train.iter_mut().chain(&mut listing.test).for_each(|shot| shot.is_cut_out = is_cut_out);
+    Ok(())
+}
+
+/// Returns whether every picture has a mask, and masks hide more than half of the pictures but not
+/// all, by a sample of them.
+fn hide_most(shots: &[Shot], notes: &mut Vec<String>) -> Result<bool> {
+    let Some(masks) = shots.iter().map(|shot| shot.mask.as_deref()).collect::<Option<Vec<_>>>() else {
+        return Ok(false);
+    };
+    let samples = masks.len().min(SAMPLES);
+    let shares = (0..samples).map(|k| Ok(Mask::read(masks[k * masks.len() / samples])?.hidden_share()));
+    let share = shares.collect::<Result<Vec<f64>>>()?.iter().sum::<f64>() / samples as f64;
+    if samples == 0 || share <= 0.5 || share >= 1.0 {
+        return Ok(false);
+    }
+    notes.push(format!(
+        "masks hide {:.0} % of the pictures and cut the object out, as alpha does; if their pixels should not count \
+         instead, set --masks ignore",
+        100.0 * share
+    ));
+    Ok(true)
 }
 
 /// Masks of a folder.

@@ -257,6 +257,7 @@ fn shot(camera: Posed, file: PathBuf, downscale: u32, folders: &Folders<'_>, ski
         name: name_of(&image),
         image: file,
         mask,
+        is_cut_out: false,
         normal: None,
         materials: MaterialFiles::default(),
         pose,

@@ -120,7 +120,7 @@ impl Pixels {
         let (width, height) = image.dimensions();
         let mut rgba = image.into_raw();
         // Black transparent pixels stored in the file must not read as [`UNKNOWN`].
-        rgba.chunks_exact_mut(4).filter(|pixel| is_unknown(pixel)).for_each(|pixel| pixel.fill(0));
+        rgba.chunks_exact_mut(4).filter(|pixel| is_unknown(pixel)).for_each(|pixel| pixel.copy_from_slice(&EMPTY));
         Self { width, height, rgba }
     }
 
@@ -197,6 +197,9 @@ fn straighten([red, green, blue, alpha, unknown]: [f32; 5]) -> [u8; 4] {
     [red * scale, green * scale, blue * scale, alpha / (1.0 - unknown) * 255.0].map(|channel| (channel + 0.5) as u8)
 }
 
+/// Empty pixel.
+pub(crate) const EMPTY: [u8; 4] = [0; 4];
+
 /// Mask of the valid pixels of a photograph.
 pub(crate) struct Mask {
     width: u32,
@@ -237,11 +240,16 @@ impl Mask {
         Self { width, height, counts: counts.collect() }
     }
 
-    /// Marks masked pixels of a picture as unknown. A mask of another size is stretched.
-    pub(crate) fn applied(&self, mut picture: Pixels) -> Pixels {
+    /// Share of the pixels that the mask hides.
+    pub(crate) fn hidden_share(&self) -> f64 {
+        self.counts.iter().filter(|counts| !**counts).count() as f64 / self.counts.len() as f64
+    }
+
+    /// Replaces masked pixels of a picture by `hidden`. A mask of another size is stretched.
+    pub(crate) fn applied(&self, mut picture: Pixels, hidden: [u8; 4]) -> Pixels {
         let counts = self.stretched([picture.width, picture.height]);
         for (pixel, _) in picture.rgba.chunks_exact_mut(4).zip(counts).filter(|(_, counts)| !counts) {
-            pixel.copy_from_slice(&UNKNOWN);
+            pixel.copy_from_slice(&hidden);
         }
         picture
     }

@@ -6,11 +6,14 @@ use crate::{
     input::Input,
     lens::{Distortion, Lens},
     materials::{MaterialFiles, Materials},
-    pixels::{Mask, NORMALS_RESIZED, Normals, Pixels, have_same_shape},
+    pixels::{EMPTY, Mask, NORMALS_RESIZED, Normals, Pixels, have_same_shape},
 };
 use glam::{DMat3, DVec3};
 use image::metadata::Orientation;
-use specula_core::camera::{Camera, NEAR};
+use specula_core::{
+    camera::{Camera, NEAR},
+    color::UNKNOWN,
+};
 use std::path::{Path, PathBuf};
 
 /// Extensions of images, which are tried where one is named without any, or has another one than
@@ -49,6 +52,8 @@ pub(crate) struct Shot {
     pub(crate) image: PathBuf,
     /// Path of the mask.
     pub(crate) mask: Option<PathBuf>,
+    /// Whether masked pixels are empty, rather than unknown.
+    pub(crate) is_cut_out: bool,
     /// Files of the ground-truth normals.
     pub(crate) normal: Option<NormalFiles>,
     /// Files of the ground-truth materials.
@@ -108,7 +113,8 @@ impl Shot {
         self.refuse_other_shape(size)?;
         let lens = (self.lens)(size)?;
         if let Some(mask) = &self.mask {
-            stored.pixels = Mask::for_photograph(mask, size, turned)?.applied(stored.pixels);
+            let hidden = if self.is_cut_out { EMPTY } else { UNKNOWN };
+            stored.pixels = Mask::for_photograph(mask, size, turned)?.applied(stored.pixels, hidden);
         }
 
         let [width, height] = size.map(|size| rounded_quotient(size, self.downscale));
@@ -201,7 +207,8 @@ pub(crate) fn find_mask(folder: &Path, image: &Path) -> Option<PathBuf> {
     if double.is_file() { Some(double) } else { find_image(&named) }
 }
 
-pub(crate) fn has_image_ending(path: &Path) -> bool {
+/// Whether a file is a picture of a format that is read, by its name.
+pub fn has_image_ending(path: &Path) -> bool {
     path.extension().is_some_and(|ending| IMAGE_ENDINGS.iter().any(|known| ending.eq_ignore_ascii_case(known)))
 }
 

@@ -150,6 +150,11 @@ impl Capture {
         self.train.iter().any(|photograph| points.iter().any(|point| shows(&photograph.camera, point)))
     }
 
+    /// Number of pictures with a mask.
+    pub fn masks(&self) -> usize {
+        self.album.report.masks
+    }
+
     /// Returns whether any training picture is transparent somewhere.
     pub fn has_alpha(&self) -> bool {
         self.train.iter().any(|photograph| photograph.has_alpha)

@@ -6,7 +6,7 @@ use specula_core::camera::{Camera, near_of};
 use specula_io::{
     Result,
     cameras::NamedCamera,
-    dataset::{self, IMAGES, LoadOptions, Report, TEST_EVERY, is_picture},
+    dataset::{self, IMAGES, LoadOptions, MaskUse, Report, TEST_EVERY, has_image_ending, is_picture},
     materials::Materials,
     model_folder::ModelInfo,
     orientation::Orientation,
@@ -135,6 +135,7 @@ pub fn cloud_of(points: &[Point]) -> PointCloud {
 pub fn options_of(info: &ModelInfo) -> LoadOptions {
     let images = info.rest.get("images").and_then(|images| images.as_str()).unwrap_or(IMAGES).to_owned();
     let every = info.rest.get("test_every").and_then(|every| u32::try_from(every.as_u64()?).ok());
+    let masks = info.rest.get("masks").and_then(|masks| masks.as_str());
     LoadOptions {
         downscale: info.downscale.max(1),
         with_test: info.eval,
@@ -142,6 +143,7 @@ pub fn options_of(info: &ModelInfo) -> LoadOptions {
         images,
         test_every: every.unwrap_or(TEST_EVERY),
         origin: Some(info.origin),
+        masks: masks.and_then(MaskUse::named).unwrap_or_default(),
     }
 }
 
@@ -167,6 +169,8 @@ pub enum Misplaced {
         count: usize,
         /// Their folder.
         folder: PathBuf,
+        /// Ending of their format, if none of them is of one that is read.
+        unread: Option<String>,
     },
     /// A video.
     Video(PathBuf),
@@ -216,14 +220,16 @@ impl Misplaced {
 
     /// Pictures of a folder or of one below it, or else a video.
     fn bare(folder: &Path, entries: &[PathBuf]) -> Option<Self> {
-        let pictures = |folder: &Path| {
+        let pictures = |folder: &Path| -> Vec<PathBuf> {
             let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-            entries.map(|entry| entry.path()).filter(|path| is_picture(path) && !is_video(path)).count()
+            entries.map(|entry| entry.path()).filter(|path| is_picture(path) && !is_video(path)).collect()
         };
         let folders = core::iter::once(folder).chain(entries.iter().filter(|path| path.is_dir()).map(PathBuf::as_path));
-        let counted = folders.map(|folder| (pictures(folder), folder)).find(|(count, _)| *count > 0);
-        if let Some((count, folder)) = counted {
-            return Some(Self::Pictures { count, folder: folder.to_owned() });
+        let found = folders.map(|folder| (pictures(folder), folder)).find(|(pictures, _)| !pictures.is_empty());
+        if let Some((pictures, folder)) = found {
+            let unread = pictures[0].extension().filter(|_| !pictures.iter().any(|path| has_image_ending(path)));
+            let unread = unread.map(|ending| ending.to_string_lossy().to_lowercase());
+            return Some(Self::Pictures { count: pictures.len(), folder: folder.to_owned(), unread });
         }
         entries.iter().find(|path| is_video(path)).map(|path| Self::Video(path.clone()))
     }

@@ -193,7 +193,7 @@ fn next_commands(args: &Train, scene: &Scene, iteration: u32) -> String {
     let light = shell_word(&model_folder::hdr_at(&args.model_path, iteration).to_string_lossy());
     let relight = match (scene.gaussians.layout.is_physical, scene.light.is_some()) {
         (true, _) => format!(", specula relight {model} --env {light} --sun 30,45 --ground"),
-        (false, true) => format!(", specula relight {model} --env LIGHT.hdr"),
+        (false, true) => format!(", specula relight {model} --env sunset"),
         (false, false) => String::new(),
     };
     format!("next: specula view {model}, specula render {model} --turntable 36{relight}")

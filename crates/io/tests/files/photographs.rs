@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use specula_core::color::UNKNOWN;
 use specula_io::{
     Result,
-    dataset::{self, Dataset, LoadOptions},
+    dataset::{self, Dataset, LoadOptions, MaskUse},
     points_ply::{self, PointCloud},
 };
 use std::{
@@ -281,6 +281,44 @@ fn masks_leave_pixels_out() {
     let small = load_with(&folder, LoadOptions { downscale: 2, ..LoadOptions::default() });
     assert_eq!(small.test[0].image.rgba[4 * 5..4 * 6], UNKNOWN);
     assert_ne!(small.test[0].image.rgba[4 * 6..4 * 7], UNKNOWN);
+}
+
+#[test]
+fn masks_that_hide_most_of_the_pictures_cut_the_object_out() {
+    let folder = Scene::pinhole().folder();
+    let quarter = |x: u32, y: u32| if x < WIDTH / 2 || y < HEIGHT / 2 { Rgb([0; 3]) } else { Rgb([255; 3]) };
+    for name in ["a", "b", "c"] {
+        let path = made(&folder.path().join(format!("masks/{name}.png")));
+        RgbImage::from_fn(WIDTH, HEIGHT, quarter).save(path).unwrap();
+    }
+    let first = |masks| {
+        let data = load_with(&folder, LoadOptions { masks, ..LoadOptions::default() });
+        let pixel: [u8; 4] = data.train[0].image.rgba[..4].try_into().unwrap();
+        let last: [u8; 4] = data.train[0].image.rgba.last_chunk().copied().unwrap();
+        assert_eq!(last[3], 255, "{masks:?}: visible pixels stay");
+        (pixel, data.notes.join("\n"))
+    };
+    let (pixel, notes) = first(MaskUse::Auto);
+    assert_eq!(pixel, [0; 4]);
+    assert_says(&notes, &["masks hide 75 %", "cut the object out", "--masks ignore"]);
+    assert_eq!(first(MaskUse::Cut).0, [0; 4]);
+    let (pixel, notes) = first(MaskUse::Ignore);
+    assert_eq!(pixel, UNKNOWN);
+    assert!(!notes.contains("cut the object out"), "{notes}");
+    // A picture without a mask: the others cannot mean an object.
+    fs::remove_file(folder.path().join("masks/c.png")).unwrap();
+    assert_eq!(first(MaskUse::Auto).0, UNKNOWN);
+}
+
+#[test]
+fn pictures_beside_the_reconstruction_are_found() {
+    let folder = Scene::pinhole().folder();
+    for name in ["a", "b", "c"] {
+        let file = format!("{name}.png");
+        fs::rename(folder.path().join("images").join(&file), folder.path().join(&file)).unwrap();
+    }
+    fs::remove_dir(folder.path().join("images")).unwrap();
+    assert_eq!(names(&load(folder.path()).unwrap().train), ["b", "c"]);
 }
 
 /// A JPEG with an orientation among its EXIF data.

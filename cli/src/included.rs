@@ -1,13 +1,22 @@
-//! Data set of the demo, inside the program.
+//! Files inside the program: the demo's data set and its lights.
 
 use crate::{failure::Failure, output};
-use include_dir::{Dir, include_dir};
+use include_dir::{Dir, File, include_dir};
 use std::path::Path;
 
 static DATA: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/data/demo");
 
+/// Names of the lights.
+pub(crate) const LIGHTS: [&str; 3] = ["sunset", "forest", "workshop"];
+
+/// Lat-long map of a light (.hdr) by its name.
+pub(crate) fn light(name: &str) -> Option<&'static [u8]> {
+    let name = LIGHTS.into_iter().find(|light| *light == name)?;
+    DATA.get_file(format!("light/{name}.hdr")).map(File::contents)
+}
+
 /// Writes the data set to a folder.
-pub(super) fn unpack(folder: &Path) -> Result<(), Failure> {
+pub(crate) fn unpack(folder: &Path) -> Result<(), Failure> {
     unpack_all(&DATA, folder)
 }
 
@@ -21,7 +30,7 @@ fn unpack_all(from: &Dir<'_>, folder: &Path) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use specula_report::demo::LIGHTS;
+    use specula_report::demo;
 
     #[test]
     fn the_scene_is_small() {
@@ -34,8 +43,9 @@ mod tests {
 
     #[test]
     fn the_scene_has_what_the_demo_shows() {
-        for light in LIGHTS.into_iter().chain(["workshop"]) {
-            assert!(DATA.get_file(format!("light/{light}.hdr")).is_some(), "{light} is missing");
+        for name in demo::LIGHTS.into_iter().chain(LIGHTS) {
+            assert!(light(name).is_some(), "{name} is missing");
         }
+        assert!(light("noon").is_none());
     }
 }
