@@ -256,7 +256,7 @@ pub(crate) fn read_env(path: &Path, exposure: f32) -> Result<LatLong, Failure> {
 }
 
 /// Map of a file, or else one that the program contains.
-fn light_input(path: &Path) -> Result<Input<'_>, Failure> {
+pub(crate) fn light_input(path: &Path) -> Result<Input<'_>, Failure> {
     let name = path.to_str().unwrap_or_default();
     match included::light(name).filter(|_| !path.exists()) {
         Some(bytes) => Ok(Input::memory(name, bytes)),

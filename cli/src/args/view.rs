@@ -30,7 +30,7 @@ pub(crate) const ADDRESS: &str = "127.0.0.1:7008";
 #[command(after_help = "\
 Examples:
   specula view out/chair
-  specula view out/spheres --env sunset.hdr forest.hdr
+  specula view out/spheres --env sunset forest
   specula view scene.ply --background white
   specula view out/spheres --sun 30,45 --lamp 1,0,2,5   # materials under a sun and a lamp
   specula view out/chair --listen 0.0.0.0:7008    # from a phone in the same network
@@ -45,9 +45,9 @@ pub(crate) struct View {
     /// Access token; generated when listening beyond loopback.
     #[arg(long, value_name = "WORD", value_parser = token)]
     pub(crate) token: Option<String>,
-    /// Environment maps to choose from, in addition to the light of the scene: lat-long, .hdr or
-    /// .exr.
-    #[arg(long, value_name = "FILE", num_args = 1..)]
+    /// Environment maps to choose from, in addition to the light of the scene: lat-long files, .hdr
+    /// or .exr; or sunset, forest or workshop, which the program contains.
+    #[arg(long, value_name = "FILE|NAME", num_args = 1..)]
     pub(crate) env: Vec<PathBuf>,
     /// Up direction of these files: that of the scene, or an axis of the world.
     #[arg(long, value_enum, default_value_t = EnvUp::Scene)]

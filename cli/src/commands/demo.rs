@@ -86,9 +86,9 @@ fn write_ball(folder: &Path) -> Result<(), Failure> {
 
 /// Commands that follow a demo.
 fn next_commands(folder: &Path) -> String {
-    let [model, light] = [PROFILES[1], "data/light/sunset.hdr"].map(|name| shown(&folder.join(name)));
+    let model = shown(&folder.join(PROFILES[1]));
     format!(
-        "specula view {model} --env {light} --sun 30,40, specula relight {model} --env {light} --sun 30,40 --ground \
+        "specula view {model} --env sunset --sun 30,40, specula relight {model} --env sunset --sun 30,40 --ground \
          --turntable 24"
     )
 }

@@ -6,7 +6,7 @@ use crate::{
     interrupt,
     lights::{NamedLights, no_materials},
     output,
-    scene::{self, background_of, note_oddities},
+    scene::{self, background_of, light_input, note_oddities},
 };
 use core::net::SocketAddr;
 use specula_scene::{OpenedModel, RenderOptions, Scene, dataset};
@@ -49,7 +49,7 @@ fn add_lights(viewer: &Viewer, args: &View, lights: NamedLights) -> Result<(), F
     let of_file = lights.env.as_ref().map(|file| (file, lights.up(args.env_up.into())));
     // As with relight, --env takes the place of a file's map, which can be chosen on the page.
     for (file, up) in args.env.iter().map(|file| (file, args.env_up.into())).chain(of_file) {
-        let AddedLight { id, warnings } = viewer.add_light(file, up)?;
+        let AddedLight { id, warnings } = viewer.add_light(light_input(file)?, up)?;
         warnings.iter().for_each(|warning| tracing::info!("{warning}"));
         first.get_or_insert(id);
     }

@@ -17,7 +17,6 @@ use specula_core::rules::Channels;
 use specula_io::Input;
 use specula_scene::{RenderOptions, Scene, SceneError, SceneRenderer, light_file::MapUp};
 use std::{
-    path::Path,
     sync::Arc,
     thread::{self, JoinHandle},
     time::SystemTime,
@@ -128,9 +127,9 @@ impl Viewer {
     /// # Errors
     ///
     /// A file that cannot be read as a light.
-    pub fn add_light(&self, file: &Path, up: MapUp) -> Result<AddedLight, ViewerError> {
-        let name = file.file_name().unwrap_or_default().to_string_lossy();
-        let (label, warnings) = self.state.lights.add(Input::file(file), &name, up)?;
+    pub fn add_light(&self, file: Input<'_>, up: MapUp) -> Result<AddedLight, ViewerError> {
+        let name = file.path().file_name().unwrap_or_default().to_string_lossy();
+        let (label, warnings) = self.state.lights.add(file, &name, up)?;
         Ok(AddedLight { id: label.id, warnings })
     }
 
