@@ -1,4 +1,4 @@
-//! Videos of pictures, which ffmpeg encodes.
+//! Videos, encoded by ffmpeg.
 
 use crate::{args::ViewOptions, failure::Failure, output};
 use core::slice;
@@ -12,22 +12,22 @@ use std::{
 };
 use tempfile::TempDir;
 
-/// Endings of videos.
+/// File extensions of videos.
 const ENDINGS: [&str; 8] = ["mp4", "m4v", "mov", "mkv", "avi", "webm", "webp", "gif"];
 /// Filter for codecs with half the resolution in colour, which need even sizes.
 const EVEN: [&str; 4] = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p"];
-/// A GIF has 256 colours: those of all its pictures.
+/// A GIF has one palette of 256 colours, computed from all pictures.
 const PALETTE: [&str; 2] = ["-vf", "split[a][b];[a]palettegen[p];[b][p]paletteuse"];
 const WEBP: [&str; 6] = ["-c:v", "libwebp_anim", "-quality", "85", "-loop", "0"];
 
-/// Layers of `specula render` where none are named.
+/// Default layers of `specula render`.
 const DEFAULT_LAYERS: [Layer; 4] = [Layer::Rgb, Layer::Normal, Layer::Depth, Layer::Alpha];
 
 /// Video that -o names, and the folder of its pictures until it is encoded.
 #[derive(Debug)]
 pub(crate) struct Video {
     path: PathBuf,
-    /// Layer that it shows.
+    /// Layer of the video.
     layer: Layer,
     pictures: TempDir,
 }
@@ -37,8 +37,8 @@ impl Video {
     ///
     /// # Errors
     ///
-    /// Several layers, numbers or transparency, which videos lack; a machine without ffmpeg; a
-    /// folder that cannot be written to.
+    /// Several layers, numbers or transparency, which videos do not support; ffmpeg is not
+    /// installed; a folder that cannot be written to.
     pub(crate) fn requested(
         requested: Option<&Path>,
         views: &ViewOptions,
@@ -53,20 +53,20 @@ impl Video {
             layers if layers == DEFAULT_LAYERS => Layer::Rgb,
             _ => {
                 return Err(Failure::Input(format!(
-                    "{path:?} is a video, which shows one layer; name one with --layers"
+                    "{path:?} is a video, which shows one layer; select it with --layers"
                 )));
             }
         };
         if views.exr {
-            return Err(Failure::Input(format!("{path:?} is a video, which holds no numbers; omit --exr")));
+            return Err(Failure::Input(format!("{path:?} is a video, which cannot store numbers; omit --exr")));
         }
         if views.background == Some(BackgroundChoice::Transparent) && ending != "webp" {
             return Err(Failure::Input(format!(
-                "{path:?} is a video, which has a background; use .webp for --background transparent"
+                "{path:?} is a video, which cannot be transparent; use .webp for --background transparent"
             )));
         }
         if path.is_dir() {
-            return Err(Failure::Input(format!("{path:?} is a folder; name another video with -o")));
+            return Err(Failure::Input(format!("{path:?} is a folder; use another name with -o")));
         }
         if !has_ffmpeg() {
             let frames = path.with_extension("");
@@ -85,7 +85,7 @@ impl Video {
         Ok(Some(Self { path: path.to_owned(), layer, pictures }))
     }
 
-    /// Layer that it shows, as a list.
+    /// Layer of the video, as a list.
     pub(crate) fn layers(&self) -> &[Layer] {
         slice::from_ref(&self.layer)
     }
@@ -115,7 +115,7 @@ impl Video {
         if !done.status.success() {
             let said = String::from_utf8_lossy(&done.stderr).trim().replace('\n', "; ");
             return Err(Failure::Input(format!(
-                "ffmpeg did not write {:?}: {said}; use a folder for the pictures, or another ending",
+                "ffmpeg failed to write {:?}: {said}; use a folder for the pictures, or another extension",
                 self.path
             )));
         }
@@ -127,7 +127,7 @@ impl Video {
 ///
 /// # Errors
 ///
-/// ffmpeg's.
+/// ffmpeg cannot be started or fails.
 pub(crate) fn finish(video: Option<&Video>, folder: &PictureFolder) -> Result<(), Failure> {
     let Some(video) = video else { return output::say(&shown(&folder.path)) };
     video.encode(folder)?;

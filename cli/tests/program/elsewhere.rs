@@ -183,11 +183,11 @@ fn paths_that_lead_through_what_is_not_there_are_refused() {
     let cloud = "point_cloud/iteration_30/point_cloud.ply";
     let name = |path: &str| tiny.path(path).display().to_string();
     let told = refusal(on(&model, &format!("export --no-error -o {}", name(&format!("gone/../model/{cloud}")))));
-    assert!(told.contains("gone") && told.contains("is not there"), "{told}");
+    assert!(told.contains("gone") && told.contains("does not exist"), "{told}");
     let again = format!("train --profile 3dgs --iterations 5 -s {} -m {}", name("data"), name("gone/../model"));
     let mut command = specula();
     command.arg("--quiet").args(again.split(' '));
-    assert!(refusal(command).contains("is not there"));
+    assert!(refusal(command).contains("does not exist"));
     assert!(contents(&model) == before && !tiny.path("gone").exists());
 }
 

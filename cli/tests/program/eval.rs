@@ -112,13 +112,13 @@ fn views_without_a_known_pixel_have_no_measures() {
     let tiny = Tiny::new();
     let model = trained(&tiny);
     eval(&model, &[]);
-    let of_views = || json(&model.join("per_view.json"))["ours_30"]["PSNR"].as_object().unwrap().clone();
-    let before: Vec<Option<f64>> = of_views().values().map(Value::as_f64).collect();
+    let psnr_of_views = || json(&model.join("per_view.json"))["ours_30"]["PSNR"].as_object().unwrap().clone();
+    let before: Vec<Option<f64>> = psnr_of_views().values().map(Value::as_f64).collect();
     assert_eq!(before.iter().flatten().count(), 3, "every view has a measure");
 
     let masked = write_masked(&tiny);
     eval(&model, &["-s", masked.to_str().unwrap()]);
-    let after: Vec<Option<f64>> = of_views().values().map(Value::as_f64).collect();
+    let after: Vec<Option<f64>> = psnr_of_views().values().map(Value::as_f64).collect();
     assert_eq!(after.iter().flatten().count(), 2, "one view has none: {after:?}");
     let mean = after.iter().flatten().sum::<f64>() / 2.0;
     let told = json(&model.join("results.json"))["ours_30"]["PSNR"].as_f64().unwrap();

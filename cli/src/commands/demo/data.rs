@@ -1,4 +1,4 @@
-//! Data set of the demo, inside the program.
+//! Data set of the demo, embedded in the program.
 
 use crate::{failure::Failure, output};
 use include_dir::{Dir, include_dir};
