@@ -51,7 +51,7 @@ fn a_folder_without_cameras() {
 fn missing_images() {
     let tiny = Tiny::new();
     fs::remove_dir_all(tiny.file("train")).unwrap();
-    training_is_refused(&tiny, &["none of the images", "train/r_0\"; name the folder", "--images"]);
+    training_is_refused(&tiny, &["none of the images", "train/r_0\"; give their folder", "--images"]);
 }
 
 #[test]
@@ -69,7 +69,7 @@ fn a_light_or_a_picture_in_place_of_a_scene() {
     for path in [light, tiny.file("train/r_2.png")] {
         let mut command = specula();
         command.arg("info").arg(&path);
-        refuses(command, &["no scene", "--env"]);
+        refuses(command, &["not a scene", "--env"]);
     }
 }
 

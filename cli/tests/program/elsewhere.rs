@@ -92,14 +92,14 @@ fn what_is_no_file_is_not_waited_for() {
         let had = fs::rename(&path, &aside).is_ok();
         symlink("/dev/zero", &path).unwrap();
         let sentence = refusal(on(&model, words));
-        assert!(sentence.contains(name) && sentence.contains("no regular file"), "{words}: {sentence}");
+        assert!(sentence.contains(name) && sentence.contains("not a regular file"), "{words}: {sentence}");
         fs::remove_file(&path).unwrap();
         if had {
             fs::rename(&aside, &path).unwrap();
         }
     }
     let sentence = refusal(on(&model, "relight --lights /dev/zero"));
-    assert!(sentence.contains("/dev/zero") && sentence.contains("no regular file"), "{sentence}");
+    assert!(sentence.contains("/dev/zero") && sentence.contains("not a regular file"), "{sentence}");
 }
 
 #[test]

@@ -103,7 +103,7 @@ fn masks_that_hide_everything_are_refused() {
     fs::write(&path, transforms.to_string()).unwrap();
     let refused = train(&tiny, "model").args(["--eval", "--quiet"]).assert().code(2).get_output().clone();
     let said = String::from_utf8(refused.stderr).unwrap();
-    assert!(said.contains("no pixel of any training picture counts"), "{said}");
+    assert!(said.contains("all pixels of the training pictures are masked"), "{said}");
     assert!(!tiny.path("model/point_cloud").exists());
 }
 
