@@ -6,18 +6,18 @@ use specula_report::certificate::{CertificateError, CertifiedScene};
 impl From<CertificateError> for Failure {
     fn from(error: CertificateError) -> Self {
         let remedy = match error {
-            CertificateError::NoReference => "leave --max-error out".to_owned(),
+            CertificateError::NoReference => "omit --max-error".to_owned(),
             CertificateError::Rounding { .. } => {
                 format!("use --max-error {}", error.error_min().unwrap_or_default())
             }
             CertificateError::NotFinite { .. } => "specula info finds them, or render without --max-error".to_owned(),
-            CertificateError::Failed => "look at it without --max-error".to_owned(),
+            CertificateError::Failed => "render it without --max-error".to_owned(),
         };
         Self::Input(format!("{error}; {remedy}"))
     }
 }
 
-/// Sentence on the verified pictures, which names the option that leaves them unverified.
+/// Sentence on the verified pictures, with the option that skips the verification.
 pub(crate) fn report(certified: &CertifiedScene) -> String {
     with_option(&certified.report())
 }

@@ -1,8 +1,8 @@
 //! Settings of a training as a file: each line of `config.toml` is an option of `specula train`.
 //!
 //! `config.toml` is a command line: its lines become options that precede those of the shell and
-//! pass through the same parser, so nothing is described twice and errors have the same wording. A
-//! preset is a layer of the same kind beneath both.
+//! pass through the same parser, so options are described once and errors have the same wording. A
+//! preset is another layer beneath both.
 
 use crate::{
     args::{Arguments, Command, LightReference, Preset, Train},
@@ -32,11 +32,11 @@ const CHANGEABLE: [&str; 10] = [
     "test-every",
     "scene-up",
 ];
-/// Options that say where settings come from, and are no settings themselves.
+/// Options that name the sources of settings, and are not settings themselves.
 const NOT_IN_FILES: [&str; 8] = ["config", "ignore_lock", "list", "manifest", "overwrite", "preset", "resume", "task"];
-/// Options that select the file of the settings, which exclude none of them.
+/// Options that select the settings file, which conflict with no setting.
 const SELECTION: [&str; 3] = ["list", "manifest", "task"];
-/// Options that open a port or control access to it, which only the command line can do.
+/// Options that open a port or control access to it; valid only on the command line.
 const NETWORK_OPTIONS: [&str; 4] = ["view", "view-until", "listen", "token"];
 /// Name of the file in a model folder.
 const NAME: &str = "config.toml";
@@ -46,7 +46,7 @@ const NAME: &str = "config.toml";
 /// precedence over the file, and the file over the preset.
 ///
 /// # Errors
-/// A file that cannot be read, or a setting in it that is no valid option.
+/// A file that cannot be read, or that contains an invalid option.
 pub(crate) fn completed(arguments: Arguments, words: &[OsString]) -> Result<Arguments, Failure> {
     let Command::Train(train) = &arguments.command else { return Ok(arguments) };
     let folder = &train.model_path;
@@ -61,7 +61,8 @@ pub(crate) fn completed(arguments: Arguments, words: &[OsString]) -> Result<Argu
     over(path.as_deref(), train.resuming.preset, words)
 }
 
-/// Arguments of a command line over the settings of a file, over those of a preset.
+/// Arguments of a command line, with the settings of a file beneath it and of a preset beneath
+/// both.
 fn over(path: Option<&Path>, preset: Option<Preset>, words: &[OsString]) -> Result<Arguments, Failure> {
     let table = path.map_or(Ok(Table::new()), read)?;
     let place = path.map(|path| format!("{path:?}"));
@@ -76,7 +77,7 @@ pub(crate) fn parsed(words: &[OsString], place: Option<&str>) -> Result<Argument
     Arguments::try_parse_from(words).map_err(|error| wrong(place, &crate::failure::sentence_of(&error)))
 }
 
-/// Refusal of settings, with the words for their place.
+/// Error of settings, with a description of their place.
 pub(crate) fn wrong(place: Option<&str>, cause: &str) -> Failure {
     Failure::Input(place.map_or_else(|| cause.to_owned(), |place| format!("cannot understand {place}: {cause}")))
 }
@@ -85,7 +86,7 @@ pub(crate) fn wrong(place: Option<&str>, cause: &str) -> Failure {
 /// names the table in errors.
 ///
 /// # Errors
-/// A setting that is no option, or not one of a file.
+/// A setting that is not an option, or not valid in a file.
 pub(crate) fn composed(
     table: &Table,
     place: Option<&str>,
@@ -95,7 +96,7 @@ pub(crate) fn composed(
     let wrong = |cause: &str| wrong(place, cause);
     let command = Arguments::command();
     let matches = command.clone().try_get_matches_from(words)?;
-    let given = matches.subcommand_matches("train").expect("only a training has a file of settings");
+    let given = matches.subcommand_matches("train").expect("only trainings have a settings file");
     let mut train = command.find_subcommand("train").expect("it is there").clone();
     train.build();
     let is_given = |arg: &&Arg| matches!(given.value_source(arg.get_id().as_str()), Some(ValueSource::CommandLine));
@@ -112,12 +113,13 @@ pub(crate) fn composed(
     for (key, value) in table {
         if NETWORK_OPTIONS.contains(&key.as_str()) {
             return Err(wrong(&format!(
-                "{key:?} controls access to the page, which only the command line can do; remove it and use --view"
+                "{key:?} controls access to the page and is valid only on the command line; remove it and use --view"
             )));
         }
         let arg = named(key).filter(|arg| !NOT_IN_FILES.contains(&arg.get_id().as_str()));
-        let arg = arg.ok_or_else(|| wrong(&format!("{key:?} is no setting of specula train")))?;
-        let word = word(key, value).ok_or_else(|| wrong(&format!("{key:?} has no value that can be an option's")))?;
+        let arg = arg.ok_or_else(|| wrong(&format!("{key:?} is not a setting of specula train")))?;
+        let word =
+            word(key, value).ok_or_else(|| wrong(&format!("{key:?} has a value that is not valid for an option")))?;
         if let Some(word) = word.filter(|_| !is_overridden(arg, &above)) {
             beneath.push(OsString::from(word));
             in_file.push(arg);
@@ -136,9 +138,9 @@ pub(crate) fn composed(
 /// Reads the settings in a file.
 ///
 /// # Errors
-/// A file that cannot be read, or is no TOML.
+/// A file that cannot be read, or is not TOML.
 pub(crate) fn read(path: &Path) -> Result<Table, Failure> {
-    let not_text = |_| Failure::Input(format!("cannot understand {path:?}: it is no UTF-8"));
+    let not_text = |_| Failure::Input(format!("cannot understand {path:?}: it is not UTF-8"));
     let text = String::from_utf8(FACTS.read(path)?).map_err(not_text)?;
     text.parse().map_err(|error: toml::de::Error| {
         Failure::Input(format!("cannot understand {path:?}: {}", first_line(&error, &text)))
@@ -188,7 +190,7 @@ pub(crate) fn text_of(args: &Train) -> Result<String, Failure> {
     toml::to_string(&table).map_err(|error| unfit(&error))
 }
 
-/// Lets the paths among settings begin at a folder, whatever the working folder will be.
+/// Resolves the paths among settings against a folder, so that the working folder does not matter.
 pub(crate) fn place_files(table: &mut Table, folder: &Path) {
     let command = Arguments::command();
     let train = command.find_subcommand("train").expect("it is there");
@@ -209,7 +211,7 @@ fn names_file(arg: &Arg, text: &str) -> bool {
 }
 
 /// First setting in which a training differs from the one in a model folder, as the end of a
-/// sentence; none without a difference, or where the folder does not record its settings.
+/// sentence; `None` without a difference, or if the folder records no settings.
 ///
 /// # Errors
 /// A `config.toml` that cannot be read, or settings that TOML cannot represent.
@@ -233,7 +235,7 @@ pub(crate) fn save(folder: &Path, text: &str) -> Result<(), Failure> {
 /// sentence.
 pub(crate) fn contradiction(now: &str, then: &str) -> Option<String> {
     let mut tables = [now, then].map(table_of);
-    // Files of a light may move as data sets may: a training compares the light itself.
+    // Light files may move, like data sets: a training compares the light itself.
     let names_light = |table: &Table| {
         let light = table.get("light-reference").and_then(Value::as_str).map(str::parse);
         matches!(light, Some(Ok(LightReference::Map(_))))
@@ -241,12 +243,12 @@ pub(crate) fn contradiction(now: &str, then: &str) -> Option<String> {
     if tables.iter().all(names_light) {
         tables.iter_mut().for_each(|table| drop(table.remove("light-reference")));
     }
-    // A training compares materials themselves, which earlier versions left out by default.
+    // A training compares the materials themselves, which earlier versions omitted by default.
     tables.iter_mut().for_each(|table| drop(table.remove("no-materials")));
     first_difference(&tables[0], &tables[1])
 }
 
-/// Value whose numbers have no more digits than an `f32` tells apart, as those of options do.
+/// Value with numbers rounded to the digits of an `f32`, like those of options.
 fn short(value: &Value) -> Value {
     match value {
         Value::Float(number) if f64::from(*number as f32) == *number => {
@@ -287,7 +289,7 @@ mod tests {
     fn train_of(arguments: Arguments) -> Train {
         match arguments.command {
             Command::Train(train) => *train,
-            other => panic!("{other:?} is no training"),
+            other => panic!("{other:?} is not a training"),
         }
     }
 
@@ -299,13 +301,13 @@ mod tests {
     }
 
     #[test]
-    fn settings_come_back_from_their_file_and_the_command_line_counts_more() {
+    fn settings_round_trip_through_their_file_and_the_command_line_overrides_them() {
         let line = "specula train data -m out --profile paper --densify-grad-threshold 1.9e-4 --no-sparse -w \
                     --save-iterations 10,20 --random-points 7 --executor gpu:llvmpipe --eval --lambda-normal 0.1 \
                     --view --token abcd1234";
         let one = train_of(Arguments::parse_from(words(line)));
         let text = text_of(&one).expect("paths are UTF-8");
-        assert!(!text.contains("view") && !text.contains("abcd1234"), "who watches is asked anew: {text}");
+        assert!(!text.contains("view") && !text.contains("abcd1234"), "options of the page are not recorded: {text}");
         let (_folder, path) = config(&text);
 
         let again = train_of(
@@ -317,7 +319,7 @@ mod tests {
         let changed = train_of(over(Some(&path), None, &words(changed)).expect("it was written"));
         assert_eq!((changed.save_iterations.as_slice(), changed.start.random_points), (&[5][..], None));
         assert_eq!((changed.white_background, changed.dataset), (false, Some("drums".into())));
-        assert_eq!(changed.losses.lambda_normal, Some(0.1), "what is not given comes from the file");
+        assert_eq!(changed.losses.lambda_normal, Some(0.1), "other options come from the file");
     }
 
     /// Every option of a training whose value is a path, as its help says.
@@ -353,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn a_light_may_move_and_not_become_another_kind() {
+    fn a_light_file_may_move_but_not_change_its_kind() {
         let of = |light: &str| format!("light-reference = \"{light}\"\n");
         assert_eq!(contradiction(&of("/new/probe.hdr"), &of("probe.hdr")), None);
         let other = contradiction(&of("/new/probe.hdr"), &of("0.8")).expect("one is a mean");
@@ -362,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_wrong_is_refused_with_its_place() {
+    fn an_invalid_file_is_rejected_with_its_place() {
         for (text, word) in [
             ("iterations = 7\nprofile = ", "line 2"),
             ("lambda-norm = 1", "lambda-norm"),
@@ -383,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn the_command_line_counts_more_than_a_file_and_a_file_more_than_a_preset() {
+    fn the_command_line_overrides_a_file_and_a_file_overrides_a_preset() {
         let of = |text: &str, line: &str| {
             let (_folder, path) = config(text);
             train_of(over(Some(&path), Some(Preset::Photos), &words(line)).expect("all are valid"))
@@ -401,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn every_preset_is_valid_and_told_in_the_help() {
+    fn every_preset_is_valid_and_described_in_the_help() {
         let command = Arguments::command();
         let train = command.find_subcommand("train").expect("it is there");
         let help = train.clone().render_help().to_string();

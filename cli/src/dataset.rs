@@ -19,7 +19,7 @@ use std::path::Path;
 /// Loads a data set and prints notes about it.
 ///
 /// # Errors
-/// Those of [`Dataset::load`]; the folder of a data set that is nearby is suggested.
+/// Those of [`Dataset::load`], with the folder of a nearby data set as a suggestion.
 pub(crate) fn load(folder: &Path, options: &LoadOptions) -> Result<Dataset, Failure> {
     let work = progress::work("loading", 0);
     let data = Dataset::load(folder, options, |done, all| {
@@ -32,10 +32,10 @@ pub(crate) fn load(folder: &Path, options: &LoadOptions) -> Result<Dataset, Fail
     Ok(data)
 }
 
-/// Reads what a training has to know of a data set, and prints notes about it.
+/// Reads the description of a data set for a training, and prints notes about it.
 ///
 /// # Errors
-/// Those of [`Capture::read`]; the folder of a data set that is nearby is suggested.
+/// Those of [`Capture::read`], with the folder of a nearby data set as a suggestion.
 pub(crate) fn read(reading: &Reading<'_>, exchange: Option<&mut dyn Exchange>) -> Result<Capture, Failure> {
     let work = progress::work("loading", 0);
     let data = Capture::read(reading, exchange, |done, all| {
@@ -89,7 +89,7 @@ fn note_width(width_max: u32) {
     }
 }
 
-/// Error for a folder that is no data set but close to one.
+/// Error for a folder that is near a data set.
 fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
     if !matches!(error, Error::NoFolder { .. } | Error::NoTransforms { .. } | Error::NoImages { .. }) {
         return None;
@@ -98,16 +98,16 @@ fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
     Some(Failure::Input(match Misplaced::find(folder)? {
         Misplaced::CamerasOf { .. } | Misplaced::Pictures { .. } | Misplaced::Video(_) if has_cameras => return None,
         Misplaced::PartOf(whole) => {
-            format!("{folder:?} is a part of a data set; did you mean the folder above, {whole:?}?")
+            format!("{folder:?} is part of a data set; did you mean the folder above, {whole:?}?")
         }
         Misplaced::Model => {
             format!("{folder:?} is a model, not a data set; to continue its training, use -m {folder:?} --resume")
         }
         Misplaced::ParentOf(meant) => {
-            format!("{folder:?} is no data set, but there is one in it; did you mean {meant:?}?")
+            format!("{folder:?} is not a data set, but contains one; did you mean {meant:?}?")
         }
         Misplaced::CamerasOf { program, remedy } => {
-            format!("{folder:?} has cameras of {program}, which are not read; {remedy}")
+            format!("{folder:?} has cameras of {program}, which are not supported; {remedy}")
         }
         Misplaced::Pictures { count, folder: pictures, unread: Some(ending) } => format!(
             "{pictures:?} has {count} pictures in .{ending}, which is not read, and {folder:?} has no cameras; convert \
@@ -115,13 +115,14 @@ fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
             shown(&pictures.join(format!("*.{ending}")))
         ),
         Misplaced::Pictures { count, folder: pictures, unread: None } => format!(
-            "{pictures:?} has {count} pictures, but {folder:?} no cameras (no transforms_train.json, transforms.json or \
-             sparse/0); COLMAP finds them: colmap automatic_reconstructor --workspace_path {folder:?} --image_path \
+            "{pictures:?} has {count} pictures, but {folder:?} has no cameras (transforms_train.json, transforms.json \
+             or sparse/0); estimate them with COLMAP: colmap automatic_reconstructor --workspace_path {folder:?} \
+             --image_path \
              {pictures:?}"
         ),
         Misplaced::Video(path) => format!(
-            "{path:?} is a video; write two or three pictures a second into a folder, and let COLMAP find their \
-             cameras: mkdir -p data/images && ffmpeg -i {path:?} -vf fps=2 -q:v 2 data/images/%04d.jpg"
+            "{path:?} is a video; extract two or three pictures per second, and estimate their cameras with COLMAP: \
+             mkdir -p data/images && ffmpeg -i {path:?} -vf fps=2 -q:v 2 data/images/%04d.jpg"
         ),
     }))
 }

@@ -17,7 +17,7 @@ pub(crate) enum Failure {
     #[error("{0}")]
     Input(String),
     /// A device failed; another executor may succeed.
-    #[cfg_attr(not(feature = "gpu"), expect(dead_code, reason = "GPUs alone are devices"))]
+    #[cfg_attr(not(feature = "gpu"), expect(dead_code, reason = "only GPUs are devices"))]
     #[error("{0}")]
     Device(String),
     /// Fault of the program.
@@ -27,7 +27,7 @@ pub(crate) enum Failure {
     #[error("{0}")]
     Interrupted(String),
     /// The reader of stdout closed it.
-    #[error("the reader of the results went away")]
+    #[error("the reader of stdout closed it")]
     BrokenPipe,
 }
 
@@ -42,7 +42,7 @@ impl Failure {
         }
     }
 
-    /// Refusal of a folder that another program trains in, with a remedy.
+    /// Error for a folder that another program trains in, with a remedy.
     pub(crate) fn locked(error: SceneError, remedy: &str) -> Self {
         match error {
             SceneError::Locked(sentence) => Self::Input(format!("{sentence}; {remedy}")),
@@ -50,19 +50,19 @@ impl Failure {
         }
     }
 
-    /// Failure of a panic that says that memory is short; none of others, whose message the hook
-    /// has printed.
+    /// Failure for a panic about too little memory; `None` for others, whose message the hook has
+    /// printed.
     pub(crate) fn out_of_memory(payload: &(dyn Any + Send)) -> Option<Self> {
         payload.downcast_ref().map(|fault: &OutOfMemory| Self::Input(format!("{fault}, with -r or --size")))
     }
 
-    /// True for failures of a device, which the CPU may not have.
+    /// True for failures of a device, which the CPU executor may avoid.
     pub(crate) fn is_of_device(&self) -> bool {
         matches!(self, Self::Device(_) | Self::Internal(_))
     }
 }
 
-/// Sentence without its middle, if it quotes as much as a file.
+/// Sentence with its middle removed if it is long, such as one that quotes a file.
 pub(crate) fn shortened(sentence: &str) -> String {
     const MOST: usize = 2000;
     let count = sentence.chars().count();
@@ -79,9 +79,9 @@ fn hint_of(error: &specula_io::Error) -> &'static str {
     use specula_io::Error::{Checkpoint, CheckpointFormat, NoCheckpoint, NoImages, TooLong};
     match error {
         TooLong { .. } => "; omit Gaussians with --min-opacity, or harmonics with --sh-degree",
-        NoImages { .. } => "; name the folder that has them with --images, within the data set",
+        NoImages { .. } => "; give their folder, within the data set, with --images",
         NoCheckpoint { .. } => {
-            "; a training writes one every --checkpoint-every steps, on Ctrl-C and at its end: name its folder, or \
+            "; a training writes one every --checkpoint-every steps, on Ctrl-C and at its end: use its folder, or \
              start without --resume"
         }
         Checkpoint { .. } => "; copy the file again, or start without --resume",
@@ -137,18 +137,20 @@ impl From<SceneError> for Failure {
                 Self::Input(format!("{error}; --resume continues from the last checkpoint"))
             }
             SceneError::NoCameras => {
-                Self::Input(format!("{error} for --split; name some with --cameras, or use --turntable"))
+                Self::Input(format!("{error} for --split; add cameras with --cameras, or use --turntable"))
             }
             SceneError::UnknownSplit | SceneError::NoViews(_) => {
                 Self::Input(format!("{error}; use --split all or --cameras"))
             }
-            SceneError::NoFolder => Self::Input(format!("{error}; name one with -o")),
-            SceneError::CubeMap(_) => Self::Input(format!("{error}, or what specula export MODEL -o light.exr writes")),
+            SceneError::NoFolder => Self::Input(format!("{error}; set one with -o")),
+            SceneError::CubeMap(_) => {
+                Self::Input(format!("{error}, or a light written by specula export MODEL -o light.exr"))
+            }
             SceneError::GpuUnsupported => {
                 Self::Input("this program was built without its feature `gpu`; use --executor cpu".into())
             }
             SceneError::ProjectionUnsupported => {
-                Self::Input("GPUs project by the affine model alone; use --executor cpu with --projection".into())
+                Self::Input("GPUs support only the affine projection; use --executor cpu with --projection".into())
             }
             other => Self::Internal(other.to_string()),
         }

@@ -1,4 +1,4 @@
-//! Help: a screen of options with -h, all options in groups with --help.
+//! Help: the common options with -h, all options in groups with --help.
 
 use crate::args::Arguments;
 use clap::{Command, CommandFactory};

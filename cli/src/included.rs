@@ -1,4 +1,4 @@
-//! Files inside the program: the demo's data set and its lights.
+//! Files embedded in the program: the demo's data set and its lights.
 
 use crate::{failure::Failure, output};
 use include_dir::{Dir, File, include_dir};

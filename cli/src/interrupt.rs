@@ -1,5 +1,5 @@
-//! Signals: the first Ctrl-C requests an orderly end, one a second later ends the program at once.
-//! The signal of a file that is too large is ignored.
+//! Signals: the first Ctrl-C requests an orderly end, another one a second later ends the program
+//! at once. The signal for a file above the size limit is ignored.
 
 use crate::failure::Failure;
 use core::{

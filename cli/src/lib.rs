@@ -34,12 +34,12 @@ use failure::{Failure, shortened};
 use specula_scene::{ExecutorChoice, text::printable};
 use std::ffi::OsString;
 
-/// Allocator that keeps pages between steps, each of which allocates frames and gradients anew.
+/// Allocator that keeps pages between steps, since each step allocates its frames and gradients.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// Runs the command line of this process, as one of several ranks or alone. Returns the exit code:
-/// 0 for success, 1 for a fault of the program, 2 for bad input, 130 if interrupted.
+/// Runs the command line of this process, as one of several ranks or as the only one. Returns the
+/// exit code: 0 for success, 1 for a fault of the program, 2 for bad input, 130 if interrupted.
 pub fn run(ranks: &Ranks<'_>) -> u8 {
     let arguments = match Arguments::parse_words(std::env::args_os()) {
         Ok(arguments) => arguments,
@@ -61,7 +61,7 @@ pub fn run(ranks: &Ranks<'_>) -> u8 {
     }
 }
 
-/// Runs a command whose settings may lie in files.
+/// Runs a command, with settings from files if it names any.
 fn start(arguments: Arguments, ranks: &Ranks<'_>) -> Result<(), Failure> {
     let words = args::with_hyphens(std::env::args_os());
     match manifest::of(&arguments, &words)? {
@@ -85,7 +85,7 @@ fn set_threads(threads: Option<u16>) -> Result<(), Failure> {
 fn run_command(arguments: &Arguments, ranks: &Ranks<'_>) -> Result<(), Failure> {
     set_threads(arguments.threads)?;
     if !matches!(arguments.command, Command::Train(_)) && ranks.size > 1 {
-        return Err(Failure::Input("several ranks share a training alone; run this command with specula".into()));
+        return Err(Failure::Input("only trainings run on several ranks; run this command with specula".into()));
     }
     arguments.command.executor().map_or(Ok(()), ExecutorChoice::check)?;
     match &arguments.command {

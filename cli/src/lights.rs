@@ -25,10 +25,10 @@ use std::{
 /// Light that a scene is put under.
 #[derive(Debug)]
 pub(crate) struct LightPlan {
-    /// File of the environment map; `None` for darkness.
+    /// File of the environment map; `None` for no environment light.
     env: Option<PathBuf>,
     options: LightOptions,
-    /// Everything but the environment map and the occluder, which [`LightPlan::shine`] finds.
+    /// Suns, lamps and ground; [`LightPlan::shine`] adds the environment map and the occluder.
     lighting: Lighting,
 }
 
@@ -64,7 +64,7 @@ impl NamedLights {
     ///
     /// # Errors
     ///
-    /// A file that cannot be read or says something else.
+    /// A file that cannot be read or parsed.
     pub(crate) fn read(options: &LampOptions) -> Result<Self, Failure> {
         let file = options.lights.as_deref().map_or(Ok(LightFile::default()), read)?;
         let folder = options.lights.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
@@ -92,7 +92,7 @@ impl NamedLights {
 /// Failure of lamps on a scene without physical materials.
 pub(crate) fn no_materials() -> Failure {
     Failure::Input(format!(
-        "{}, on which suns and lamps can shine; train it with --relightable, or name no more than an environment map",
+        "{}, so suns and lamps cannot light it; train it with --relightable, or use only an environment map",
         SceneError::NoMaterials
     ))
 }
@@ -102,7 +102,7 @@ impl LightPlan {
     ///
     /// # Errors
     ///
-    /// A file that cannot be read or says something else; no light at all; lamps beyond bounds.
+    /// A file that cannot be read or parsed; no light at all; lamps out of range.
     pub(crate) fn new(args: &Lights, options: LightOptions) -> Result<Self, Failure> {
         let named = NamedLights::read(&args.lamps)?;
         let up = named.up(options.up);
@@ -114,8 +114,8 @@ impl LightPlan {
         };
         if env.is_none() && suns.is_empty() && spheres.is_empty() {
             return Err(Failure::Input(
-                "the scene would be dark; name an environment map with --env, such as --env sunset, a sun with --sun \
-                 30,45, or a lamp with --lamp 1,0,2,5"
+                "no light is given; add an environment map with --env, such as --env sunset, a sun with --sun 30,45, or a \
+                 lamp with --lamp 1,0,2,5"
                     .into(),
             ));
         }
@@ -123,11 +123,11 @@ impl LightPlan {
         let turn = args.turn + turn;
         if !turn.is_finite() || !options.exposure.is_finite() {
             return Err(Failure::Input(
-                "the turns or exposures of --lights and the command line add up to infinity".into(),
+                "the sum of the turns or exposures of --lights and the command line is not finite".into(),
             ));
         }
         if args.ground.is_some() && suns.iter().any(|sun| sun.elevation < 0.0) {
-            tracing::warn!("a sun stands below the horizon; the ground catches shadows, but casts none onto the scene");
+            tracing::warn!("a sun is below the horizon; the ground catches shadows, but casts none on the scene");
         }
         let (map_up, rays, ground) = (options.up, args.shadow_rays, args.ground);
         let lighting = Lighting { map_up, suns, spheres, turn, rays, ground, ..Lighting::default() };
@@ -135,7 +135,7 @@ impl LightPlan {
         Ok(Self { env, options, lighting })
     }
 
-    /// File of the environment map, if one shines.
+    /// File of the environment map, if there is one.
     pub(crate) fn env(&self) -> Option<&Path> {
         self.env.as_deref()
     }
@@ -156,14 +156,14 @@ impl LightPlan {
         parts
     }
 
-    /// Refuses view-dependent colours under lamps, which shine on materials.
+    /// Rejects view-dependent colours under lamps, which light only materials.
     ///
     /// # Errors
     ///
-    /// A sentence that says so.
+    /// View-dependent colours were requested.
     pub(crate) fn refuse_view_dependent(&self, shading: Option<Shading>) -> Result<(), Failure> {
         if self.lighting.has_lamps() && shading == Some(Shading::View) {
-            return Err(Failure::Input("suns and lamps shine on physical materials; omit --shading view".into()));
+            return Err(Failure::Input("suns and lamps light only physical materials; omit --shading view".into()));
         }
         Ok(())
     }
@@ -196,9 +196,9 @@ impl LightPlan {
     }
 }
 
-/// Warns of suns that the scene hides from itself, such as behind the walls of a room.
+/// Warns of suns that the scene occludes, such as the walls of a room.
 fn warn_of_hidden_suns(lighting: &Lighting, occluder: &Surface, opened: &OpenedModel, up: Vec3) -> Result<(), Failure> {
-    /// Share in shadow from which the picture is dark.
+    /// Share in shadow above which a warning is printed.
     const MOST: f64 = 0.8;
     /// Radius of the subject, relative to the distance of the cameras from it.
     const SUBJECT: f64 = 0.5;
@@ -208,8 +208,8 @@ fn warn_of_hidden_suns(lighting: &Lighting, occluder: &Surface, opened: &OpenedM
         let to_sun = direction(sun.azimuth + lighting.turn, sun.elevation, up).as_vec3();
         if let Some(share) = share_in_shadow(occluder, to_sun, centre, radius).filter(|share| *share > MOST) {
             tracing::warn!(
-                "--sun {sun}: the scene itself hides it from {:.0} % of the subject; choose another direction, or train \
-                 the subject with masks, without its surroundings",
+                "--sun {sun}: the scene itself shadows {:.0} % of the subject; use another direction, or train with \
+                 masks that remove the surroundings",
                 100.0 * share
             );
         }
@@ -222,7 +222,7 @@ fn surface_of(opened: &OpenedModel, options: &RenderOptions) -> Result<Option<Ar
     let mut work = None;
     let surface = shadow_surface(opened, options, |done, all| {
         let work = work.get_or_insert_with(|| {
-            tracing::info!("fusing {all} views into the surface that casts shadows");
+            tracing::info!("fusing {all} views into the shadow-casting surface");
             progress::work("fusing", all as u64)
         });
         work.done(done as u64, String::new);
@@ -238,12 +238,12 @@ fn surface_of(opened: &OpenedModel, options: &RenderOptions) -> Result<Option<Ar
 
 /// Reads a file of lights.
 fn read(path: &Path) -> Result<LightFile, Failure> {
-    let wrong = |error: &dyn Display| Failure::Input(format!("{path:?} is no file of lights: {error}"));
+    let wrong = |error: &dyn Display| Failure::Input(format!("{path:?} is not a file of lights: {error}"));
     let text = FACTS.read(path)?;
     let file: LightFile =
         toml::from_slice(&text).map_err(|error| wrong(&error.to_string().trim().replace('\n', " ")))?;
     if !file.exposure.is_finite() || !file.turn.is_finite() {
-        return Err(wrong(&"exposure and turn are finite numbers"));
+        return Err(wrong(&"exposure and turn must be finite numbers"));
     }
     Ok(file)
 }
@@ -251,7 +251,7 @@ fn read(path: &Path) -> Result<LightFile, Failure> {
 /// Parses the entries of a file.
 fn parsed<T: FromStr<Err: Display>>(entries: &[String], key: &str, path: &Path) -> Result<Vec<T>, Failure> {
     let parse = |entry: &String| {
-        entry.parse().map_err(|error| Failure::Input(format!("{path:?} has the {key} {entry:?}; {error}")))
+        entry.parse().map_err(|error| Failure::Input(format!("{path:?}: invalid {key} {entry:?}; {error}")))
     };
     entries.iter().map(parse).collect()
 }
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_of_lights_says_what_options_say_and_options_are_added() {
+    fn a_file_of_lights_has_the_meaning_of_the_options_and_options_are_added() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("evening.toml");
         let text = "env = \"sky.hdr\"\nexposure = -1\nturn = 20\nsun = [\"30,45\", \"0,10,1:ff8800\"]\nlamp = [\"1,0,2,5,0.1\"]\n";
@@ -306,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn darkness_is_refused_with_what_to_name() {
+    fn no_light_at_all_is_an_error_with_remedies() {
         let refused = LightPlan::new(&lights(None, &[]), LightOptions::default()).unwrap_err().to_string();
         assert!(refused.contains("--env") && refused.contains("--sun") && refused.contains("--lamp"), "{refused}");
         assert!(LightPlan::new(&lights(None, &["0,30"]), LightOptions::default()).is_ok());

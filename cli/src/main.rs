@@ -8,8 +8,8 @@ fn main() -> ExitCode {
     ExitCode::from(specula::run(&specula::Ranks::alone()))
 }
 
-/// Starts the program again on machines without a display, with a folder that has none: layers of
-/// Vulkan drivers print errors where the variable is not set.
+/// Starts the program again on machines without a display, with the variable set to an empty
+/// folder: layers of Vulkan drivers print errors if it is not set.
 #[cfg(all(target_os = "linux", feature = "gpu"))]
 fn start_without_display() {
     use std::{env, os::unix::process::CommandExt, process::Command};
@@ -18,6 +18,6 @@ fn start_without_display() {
         return;
     }
     let (Ok(program), Some(name)) = (env::current_exe(), env::args_os().next()) else { return };
-    // Returns only where it fails; the program then goes on, and the driver prints its errors.
+    // `exec` returns only on failure; the program then continues, and the driver prints its errors.
     let _ = Command::new(program).arg0(name).args(env::args_os().skip(1)).env(VARIABLE, "/dev/null").exec();
 }

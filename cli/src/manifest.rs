@@ -1,8 +1,7 @@
 //! Many trainings in one file: `specula train --manifest FILE`.
 //!
-//! The options at the top of the file are those of all its trainings; each `[[training]]` adds its
-//! own. Like `config.toml`, they become options beneath those of the command line
-//! ([`crate::config`]).
+//! The options at the top of the file apply to all trainings; each `[[training]]` adds its own.
+//! Like `config.toml`, they become options beneath those of the command line ([`crate::config`]).
 
 use crate::{
     args::{Arguments, Command, Preset, Train},
@@ -15,9 +14,9 @@ use toml::{Table, Value};
 
 /// Name of the tables of trainings.
 const TRAINING: &str = "training";
-/// Setting that no option above a training can be.
+/// Setting that is not valid above the trainings.
 const PRESET: &str = "preset";
-/// Options that select trainings, without those of the trainings.
+/// Options that select trainings and take a value.
 const SELECTION: [&str; 2] = ["--manifest", "--task"];
 /// Options without a value that select trainings.
 const FLAGS: [&str; 1] = ["--list"];
@@ -27,7 +26,7 @@ const FLAGS: [&str; 1] = ["--list"];
 pub(crate) struct Task {
     /// Number in the manifest, from 1.
     pub(crate) number: usize,
-    /// Command line of the training alone, without the program's name.
+    /// Command line of this training, without the program's name.
     pub(crate) words: Vec<String>,
     /// Arguments of the training.
     pub(crate) train: Train,
@@ -36,7 +35,7 @@ pub(crate) struct Task {
 /// Trainings of a manifest.
 #[derive(Debug)]
 pub(crate) struct Manifest {
-    /// Whether they are listed and not trained.
+    /// True if the trainings are only listed.
     pub(crate) is_listed: bool,
     /// Number of trainings in the file.
     pub(crate) count: usize,
@@ -48,14 +47,15 @@ pub(crate) struct Manifest {
 /// line. All trainings of the file are valid if any is returned.
 ///
 /// # Errors
-/// A file that cannot be read, a setting in it that is no valid option, a training without a data
-/// set or a model folder of its own, or a `--task` that it does not have.
+/// A file that cannot be read, an invalid option in it, a training without a data set or its own
+/// model folder, or a `--task` out of range.
 pub(crate) fn of(arguments: &Arguments, words: &[OsString]) -> Result<Option<Manifest>, Failure> {
     let Command::Train(train) = &arguments.command else { return Ok(None) };
     let Some(path) = &train.many.manifest else {
-        // clap requires no option that another one excludes, such as the model folder.
+        // clap does not require an option that conflicts with a given one, such as the model
+        // folder.
         if train.many.task.is_some() || train.many.list {
-            return Err(Failure::Input("--task and --list are of a --manifest; name one, or leave them out".into()));
+            return Err(Failure::Input("--task and --list need a --manifest; add one, or omit them".into()));
         }
         return Ok(None);
     };
@@ -67,7 +67,7 @@ pub(crate) fn of(arguments: &Arguments, words: &[OsString]) -> Result<Option<Man
         let place = format!("{path:?}, training {number}");
         let task = task(number, table, &place, train.resuming.preset, words)?;
         if !folders.insert(task.train.model_path.clone()) {
-            let cause = format!("another training has the model folder {:?} as well", task.train.model_path);
+            let cause = format!("another training has the same model folder, {:?}", task.train.model_path);
             return Err(config::wrong(Some(&place), &cause));
         }
         tasks.push(task);
@@ -81,8 +81,7 @@ pub(crate) fn of(arguments: &Arguments, words: &[OsString]) -> Result<Option<Man
     Ok(Some(Manifest { is_listed: train.many.list, count, tasks }))
 }
 
-/// Settings of each training of a file, those of all trainings included, with paths that do not
-/// depend on the working folder.
+/// Settings of each training of a file, including the common ones, with absolute paths.
 fn trainings(path: &Path) -> Result<Vec<Table>, Failure> {
     let wrong = |cause: &str| config::wrong(Some(&format!("{path:?}")), cause);
     let mut shared = config::read(path)?;
@@ -123,14 +122,14 @@ fn task(
     let preset = match (preset, table.remove(PRESET)) {
         (Some(preset), _) => Some(preset),
         (None, Some(Value::String(name))) => {
-            Some(Preset::from_str(&name, false).map_err(|_| wrong(&format!("{name:?} is no preset")))?)
+            Some(Preset::from_str(&name, false).map_err(|_| wrong(&format!("{name:?} is not a preset")))?)
         }
         (None, Some(_)) => return Err(wrong("a preset is a name")),
         (None, None) => None,
     };
     let words = without_selection(config::composed(&table, Some(place), preset, words)?);
     let Command::Train(train) = config::parsed(&words, Some(place))?.command else {
-        unreachable!("a manifest is an option of train")
+        unreachable!("train has the option --manifest")
     };
     let words = words.iter().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
     Ok(Task { number, words, train: *train })
@@ -183,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn trainings_have_the_options_of_all_their_own_and_those_of_the_command_line() {
+    fn trainings_have_common_options_their_own_and_those_of_the_command_line() {
         let (folder, found) = manifest(TWO, "specula train --manifest=FILE --seed 5");
         let Manifest { count, tasks, .. } = found.expect("it is valid").expect("there is one");
         assert_eq!(count, 2);
@@ -205,9 +204,9 @@ mod tests {
         let missing = sentence(TWO, "specula train --manifest FILE --task 3");
         assert!(missing.contains("trainings 1 to 2") && missing.ends_with("--task is 3"), "{missing}");
         let alone = sentence(TWO, "specula train data -m out --task 2");
-        assert!(alone.contains("are of a --manifest"), "{alone}");
+        assert!(alone.contains("need a --manifest"), "{alone}");
         let (_, found) = manifest(TWO, "specula train data -m out");
-        assert!(found.expect("it is valid").is_none(), "a training without a manifest is none of its tasks");
+        assert!(found.expect("it is valid").is_none(), "without a manifest there are no tasks");
     }
 
     #[test]
@@ -221,17 +220,17 @@ mod tests {
     }
 
     #[test]
-    fn faults_are_told_before_the_first_training_with_their_place() {
+    fn invalid_manifests_fail_before_the_first_training_with_their_place() {
         for (text, words) in [
             ("iterations = 7", "no [[training]]"),
             ("training = 7", "no [[training]]"),
             ("training = [7]", "a training is a table"),
             ("[[training]]\nmodel-path = \"a\"", "training 1: \"source-path\" is missing"),
             ("[[training]]\nsource-path = \"a\"", "training 1: \"model-path\" is missing"),
-            ("[[training]]\nsource-path = \"a\"\nmodel-path = 7\nlr = 3", "\"lr\" is no setting"),
-            ("[[training]]\nsource-path = \"a\"\nmodel-path = \"b\"\npreset = \"best\"", "\"best\" is no preset"),
+            ("[[training]]\nsource-path = \"a\"\nmodel-path = 7\nlr = 3", "\"lr\" is not a setting"),
+            ("[[training]]\nsource-path = \"a\"\nmodel-path = \"b\"\npreset = \"best\"", "\"best\" is not a preset"),
             ("[[training]]\nsource-path = \"a\"\nmodel-path = \"b\"\nview = true", "use --view"),
-            ("[[training]]\nsource-path = \"a\"\nmodel-path = \"b\"\nmanifest = \"c\"", "is no setting"),
+            ("[[training]]\nsource-path = \"a\"\nmodel-path = \"b\"\nmanifest = \"c\"", "is not a setting"),
             ("[[training]]\nsource-path = ", "line 2"),
         ] {
             let sentence = sentence(text, "specula train --manifest FILE");
@@ -242,6 +241,6 @@ mod tests {
         assert!(second.contains("training 2") && second.contains("-9"), "{second}");
         let same = TWO.replace("\"/b\"", "\"out/a\"");
         let same = sentence(&same, "specula train --manifest FILE");
-        assert!(same.contains("training 2: another training has the model folder"), "{same}");
+        assert!(same.contains("training 2: another training has the same model folder"), "{same}");
     }
 }

@@ -13,7 +13,7 @@ pub(crate) fn available() -> Option<u64> {
     Some(granted().map_or(free, |granted| granted.min(free)))
 }
 
-/// Number of KiB that follows a word at the start of a line.
+/// Number of KiB after a word at the start of a line.
 fn kibibytes_after(path: &str, word: &str) -> Option<u64> {
     let text = fs::read_to_string(path).ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix(word))?;
@@ -21,8 +21,8 @@ fn kibibytes_after(path: &str, word: &str) -> Option<u64> {
     Some(kibibytes << 10)
 }
 
-/// Memory that the control groups of this program leave to it, as those of Slurm and of containers;
-/// none without a limit.
+/// Memory left within the limits of this program's control groups, such as those of Slurm and
+/// containers; `None` without a limit.
 fn granted() -> Option<u64> {
     let groups = fs::read_to_string("/proc/self/cgroup").ok()?;
     let group = groups.lines().find_map(|line| line.strip_prefix("0::/"))?;

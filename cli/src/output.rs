@@ -43,27 +43,27 @@ pub(crate) fn ending(path: &Path) -> Option<String> {
     Some(path.extension()?.to_str()?.to_ascii_lowercase())
 }
 
-/// File name without its extension, which names no other folder: of `..hdr` the whole name.
+/// File name without its extension, never `.` or `..`: the whole name for `..hdr`.
 pub(crate) fn stem(path: &Path) -> String {
     let stem = path.file_stem().filter(|stem| !["", ".", ".."].contains(&stem.to_str().unwrap_or("-")));
     stem.or_else(|| path.file_name()).unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Refuses a path with `..` behind a folder that does not exist: it leads elsewhere once this is
-/// made, past all checks of what is there.
+/// Rejects a path with `..` after a folder that does not exist: once the folder exists, the path
+/// may lead elsewhere, past all checks.
 fn refuse_detour(path: &Path) -> Result<(), Failure> {
     let mut before = PathBuf::new();
     for part in path.components() {
         if part == Component::ParentDir && !before.as_os_str().is_empty() && !before.is_dir() {
-            return Err(Failure::Input(format!("{path:?} leads through {before:?}, which is not there")));
+            return Err(Failure::Input(format!("{path:?} leads through {before:?}, which does not exist")));
         }
         before.push(part);
     }
     Ok(())
 }
 
-/// Creates a folder and tests that files can be written to it, before long work instead of after
-/// it. What a killed program left there is removed.
+/// Creates a folder and tests that it is writable, before long work. Removes temporary files of a
+/// killed program.
 ///
 /// # Errors
 /// [`Failure::File`] if the folder cannot be created or written to.
@@ -77,7 +77,7 @@ pub(crate) fn make_folder(folder: &Path) -> Result<(), Failure> {
     written.map_err(|cause| Error::Write { path: folder.to_owned(), cause }.into())
 }
 
-/// Writes a file below a folder as [`write_bytes`] does, but through no link within it.
+/// Writes a file below a folder like [`write_bytes`], but follows no link within the folder.
 ///
 /// # Errors
 /// [`Failure::File`] if the file cannot be written, or a folder on its way is a link.

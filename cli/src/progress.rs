@@ -67,7 +67,7 @@ pub(crate) fn work(title: &str, steps: u64) -> Work {
     let left = Arc::<Mutex<TimeLeft>>::default();
     let known = Arc::clone(&left);
     let write_left = move |state: &ProgressState, out: &mut dyn fmt::Write| {
-        // A bar that cannot be written is no reason to stop.
+        // Failing to write a bar must not stop the program.
         let _ = match locked(&known).seconds(state.len().unwrap_or(0)) {
             Some(seconds) => write!(out, "{}", Spoken(seconds)),
             None => write!(out, "?"),
@@ -83,8 +83,8 @@ pub(crate) fn work(title: &str, steps: u64) -> Work {
     Work { bar, start: Instant::now(), left, last_line }
 }
 
-/// Format of a note: the program's name and the sentence, in one line whatever a library or a file
-/// says.
+/// Format of a note: the program's name and the sentence, in one line, whatever text a library or a
+/// file contributes.
 struct Sentence;
 
 impl<S, N> FormatEvent<S, N> for Sentence
@@ -124,7 +124,7 @@ pub(crate) struct Work {
 }
 
 impl Work {
-    /// Shows that `steps` steps are done. `message` is only called if it is shown.
+    /// Shows that `steps` steps are done. Calls `message` only if it is shown.
     pub(crate) fn done(&self, steps: u64, message: impl FnOnce() -> String) {
         locked(&self.left).advance(steps, self.start.elapsed().as_secs_f64());
         if !self.bar.is_hidden() {
@@ -141,8 +141,8 @@ impl Work {
     }
 
     /// Resumes after `steps` steps that took `seconds`. The time left is estimated from later steps
-    /// only, with the plan. Clocks of some systems start with the machine; a longer time before is
-    /// shown as none.
+    /// only, with the plan. Clocks of some systems start with the machine; an earlier start is
+    /// shown as zero.
     pub(crate) fn resumed(self, steps: u64, seconds: f64, plan: Plan) -> Self {
         *locked(&self.left) = TimeLeft::new(plan, steps);
         let elapsed = Duration::try_from_secs_f64(seconds).unwrap_or_default();
@@ -152,7 +152,7 @@ impl Work {
         Self { bar, start: Instant::now(), ..self }
     }
 
-    /// Replaces the plan of the steps that are left.
+    /// Replaces the plan of the remaining steps.
     pub(crate) fn replan(&self, plan: Plan) {
         locked(&self.left).replan(plan);
     }
@@ -176,7 +176,7 @@ impl Work {
     }
 }
 
-/// The estimate, also after a panic elsewhere.
+/// Locks the estimate, even after a panic of another thread.
 fn locked(left: &Mutex<TimeLeft>) -> MutexGuard<'_, TimeLeft> {
     left.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -186,7 +186,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn work_resumes_for_any_time_that_it_is_said_to_have_taken() {
+    fn progress_resumes_with_any_elapsed_time() {
         for seconds in [0.0, 3600.0, 3.2e9, 1e20, f64::INFINITY, f64::NAN, -1.0] {
             let work = work("training", 10).resumed(4, seconds, Plan::default());
             assert_eq!(work.bar.position(), 4, "{seconds}");

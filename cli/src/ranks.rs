@@ -28,7 +28,7 @@ pub struct Ranks<'a> {
     pub rank: usize,
     /// Number of ranks, at least 1.
     pub size: usize,
-    /// Number of this rank among those of its machine, from 0, which have a GPU each
+    /// Number of this rank among those of its machine, from 0, which selects its GPU
     /// ([`local_rank`]).
     pub local: usize,
     /// Connects this rank with all others, once for each training.
@@ -42,36 +42,36 @@ impl fmt::Debug for Ranks<'_> {
 }
 
 impl Ranks<'_> {
-    /// A process that shares its training with none.
+    /// The only rank of a training.
     pub const fn alone() -> Self {
         Self { rank: 0, size: 1, local: 0, connect: &|| None }
     }
 
-    /// Whether this rank writes the model and prints notes.
+    /// True for the rank that writes the model and prints notes.
     pub(crate) const fn is_first(&self) -> bool {
         self.rank == 0
     }
 
-    /// Start of the sentences of a rank that is not the first.
+    /// Prefix of the notes of a rank other than the first.
     pub(crate) fn prefix(&self) -> String {
         if self.is_first() { String::new() } else { format!("rank {}: ", self.rank) }
     }
 
-    /// Executor of this rank: one of several has a GPU of its own where its machine has as many.
+    /// Executor of this rank: one of several ranks has its own GPU if the machine has enough.
     pub(crate) fn executor(&self, choice: &ExecutorChoice) -> ExecutorChoice {
         if self.size > 1 { choice.of_rank(self.local) } else { choice.clone() }
     }
 }
 
 /// Number of a rank among those of its machine, from the environment that MPI or Slurm gives it;
-/// `variable` returns the text of a variable. None where no variable has a number.
+/// `variable` returns the text of a variable. `None` if no variable has a number.
 pub fn local_rank(variable: impl Fn(&str) -> Option<String>) -> Option<usize> {
     LOCAL_VARIABLES.into_iter().find_map(|name| variable(name)?.trim().parse().ok())
 }
 
 /// Runs a training on several ranks that are threads of this process; the first one is the calling
-/// thread. All of them share the threads of the program. Failures that are not the one returned are
-/// printed, unless they read the same.
+/// thread. All ranks share the threads of the program. Other failures than the returned one are
+/// printed, unless they have the same text.
 ///
 /// # Errors
 /// The failure of the first rank that failed.
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rank_of_a_machine_is_that_of_whoever_started_it() {
+    fn the_local_rank_comes_from_the_launcher() {
         assert_eq!(local_of(&[]), None);
         assert_eq!(local_of(&[("OMPI_COMM_WORLD_LOCAL_RANK", "3")]), Some(3));
         assert_eq!(local_of(&[("MPI_LOCALRANKID", "2")]), Some(2));
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn one_of_several_ranks_has_a_gpu_of_its_own() {
+    fn one_of_several_ranks_has_its_own_gpu() {
         let gpu = ExecutorChoice::Gpu("A".into());
         let third = Ranks { rank: 6, size: 8, local: 2, connect: &|| None };
         assert_eq!(third.executor(&gpu), ExecutorChoice::GpuOfRank { name: "A".into(), rank: 2 });

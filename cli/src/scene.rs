@@ -27,8 +27,8 @@ use specula_scene::{
 use specula_train::view::View;
 use std::path::{Path, PathBuf};
 
-/// Opens the folder of a model, or a PLY or glTF file, under the shading model that it names, or
-/// that of a profile, and under the low-pass that it names, or another.
+/// Opens the folder of a model, or a PLY or glTF file, with the shading model and the low-pass
+/// filter that it names, or those of the options.
 pub(crate) fn open(
     path: &Path,
     profile: Option<ProfileName>,
@@ -74,16 +74,18 @@ fn shading_model_of(model: &Model, profile: Option<ProfileName>) -> Result<Shadi
     }
 }
 
-/// Notes on a model whose pictures may surprise: another light, Gaussians that are not finite.
+/// Warns about a model: another light, Gaussians that are not finite.
 pub(crate) fn note_oddities(opened: &OpenedModel) {
     if opened.is_relit {
-        tracing::warn!("brdf_mlp.hdr is not the light that was saved with the model, so the scene is shown under it");
+        tracing::warn!(
+            "brdf_mlp.hdr is not the light that was saved with the model; the scene is shown under brdf_mlp.hdr"
+        );
     }
     if opened.scene.gaussians.count == 0 {
         tracing::warn!("the scene has no Gaussians, so only its background is shown");
     }
     if let Some(reasons) = opened.scene.nonfinite_reasons() {
-        tracing::warn!("Gaussians with numbers that are not finite are left out: {reasons}");
+        tracing::warn!("Gaussians with numbers that are not finite are skipped: {reasons}");
     }
 }
 
@@ -112,35 +114,35 @@ pub(crate) fn backdrop_of(
             Ok(Backdrop::from_map(&map, orientation, set.cameras.iter().map(|(_, camera)| camera)))
         }
         (Some(BackgroundChoice::Environment), None) => scene_light().map(Backdrop::Environment).ok_or_else(|| {
-            Failure::Input("the scene has no light to be its background; use --background black, white or R,G,B".into())
+            Failure::Input("the scene has no light for --background env; use --background black, white or R,G,B".into())
         }),
         (Some(BackgroundChoice::Transparent), _) => Ok(Backdrop::Transparent),
         (requested, _) => Ok(Backdrop::Color(background_of(opened, requested.and_then(BackgroundChoice::color)))),
     }
 }
 
-/// Refuses options of a light without a light, which would change nothing.
+/// Rejects options of a light without a light, which would have no effect.
 pub(crate) fn refuse_options_without_light(light: Option<&Path>, options: LightOptions) -> Result<(), Failure> {
     if light.is_some() || light_differences(options).is_empty() {
         return Ok(());
     }
-    Err(Failure::Input("--exposure and --env-up are of the light that --env names; name one".into()))
+    Err(Failure::Input("--exposure and --env-up apply to the light of --env; add --env".into()))
 }
 
-/// Refuses a transparent background where no colours are rendered, which alone have one.
+/// Rejects a transparent background without colours, the only layer with a background.
 pub(crate) fn refuse_transparent_layers(views: &ViewOptions, layers: &[Layer]) -> Result<(), Failure> {
     if views.background != Some(BackgroundChoice::Transparent) || Layer::expanded(layers).contains(&Layer::Rgb) {
         return Ok(());
     }
-    Err(Failure::Input("--background transparent is of colours; add rgb to --layers".into()))
+    Err(Failure::Input("--background transparent applies to colours; add rgb to --layers".into()))
 }
 
-/// Opens a model. The error for another folder names what to open instead, if it is known.
+/// Opens a model. The error for another folder suggests what to open instead, if known.
 fn open_model(path: &Path, low_pass: Option<LowPass>) -> Result<Model, Failure> {
     let mut model = model_folder::open(path).map_err(|error| match (&error, models_in(path).as_slice()) {
         (Error::NoModel { .. }, [first, others @ ..]) => {
             let also = if others.is_empty() { String::new() } else { format!(", or one of {others:?}") };
-            Failure::Input(format!("{path:?} is no model, but holds some; open {first:?}{also}"))
+            Failure::Input(format!("{path:?} is not a model, but contains some; open {first:?}{also}"))
         }
         (Error::NoModel { .. }, []) if dataset::is_dataset(path) => {
             let name = shown(path);
@@ -151,7 +153,7 @@ fn open_model(path: &Path, low_pass: Option<LowPass>) -> Result<Model, Failure> 
     if let Some(low_pass) = low_pass {
         if model.gaussians.layout.is_smoothed {
             return Err(Failure::Input(format!(
-                "{path:?} has the filters of Mip-Splatting, and is shown with them; omit --antialiased"
+                "{path:?} has the filters of Mip-Splatting and is shown with them; omit --antialiased"
             )));
         }
         model.gaussians.layout.low_pass = low_pass;
@@ -175,7 +177,7 @@ pub(crate) fn relight(scene: &mut Scene, path: &Path, options: LightOptions, up:
     Ok(map)
 }
 
-/// Gives a scene the colours of an option, those that suit its light without one.
+/// Selects the colours of a scene: those of the option, by default those valid under its light.
 pub(crate) fn shade(scene: &mut Scene, shading: Option<Shading>) -> Result<(), Failure> {
     let Some(shading) = shading else { return Ok(()) };
     if shading == Shading::Physical && !scene.gaussians.layout.is_physical {
@@ -185,19 +187,19 @@ pub(crate) fn shade(scene: &mut Scene, shading: Option<Shading>) -> Result<(), F
     Ok(())
 }
 
-/// Refuses to relight plain Gaussian splatting.
+/// Rejects relighting of plain Gaussian splatting.
 pub(crate) fn refuse_plain(scene: &Scene) -> Result<(), Failure> {
     if scene.gaussians.layout.is_shaded() {
         return Ok(());
     }
     Err(Failure::Input(
-        "the scene is plain Gaussian splatting, whose colours hold their light for ever; train it with --profile \
-         specula to put it under another light"
+        "the scene is plain Gaussian splatting, which bakes the lighting into its colours; train it with --profile \
+         specula to relight it"
             .into(),
     ))
 }
 
-/// Renders and writes the pictures of a job; `inspect` is given each rendered view.
+/// Renders and writes the pictures of a job; calls `inspect` with each rendered view.
 pub(crate) fn render_pictures(
     job: &PictureJob<'_>,
     renderer: &mut SceneRenderer,
@@ -224,8 +226,8 @@ pub(crate) fn measure_views(
     Ok(measured)
 }
 
-/// Measures every view that is held out ([`measure::measure_views`]), with progress. Pictures are
-/// decoded some at a time.
+/// Measures every test view ([`measure::measure_views`]), with progress. Decodes a few pictures at
+/// a time.
 pub(crate) fn measure_held_out(
     renderer: &mut SceneRenderer,
     data: &Capture,
@@ -245,8 +247,8 @@ pub(crate) fn measure_held_out(
     Ok(measured)
 }
 
-/// Lat-long map from a file, times two to the power of the exposure. Numbers that are no radiance
-/// are replaced, and logged.
+/// Lat-long map from a file, times two to the power of the exposure. Values that are not a radiance
+/// are replaced and logged.
 pub(crate) fn read_env(path: &Path, exposure: f32) -> Result<LatLong, Failure> {
     let (mut map, warnings) = light_file::read(light_input(path)?)?;
     warnings.iter().for_each(|warning| tracing::info!("{warning}"));
@@ -272,7 +274,7 @@ pub(crate) fn light_input(path: &Path) -> Result<Input<'_>, Failure> {
 ///
 /// # Errors
 ///
-/// A sentence on the others, if it has none of them.
+/// The scene has none of the layers; names the missing ones.
 pub(crate) fn layers_of(requested: &[Layer], scene: &Scene) -> Result<Vec<Layer>, Failure> {
     let (layout, form) = (scene.gaussians.layout, scene.shading_model.shading.form);
     let (layers, missing): (Vec<Layer>, Vec<Layer>) =

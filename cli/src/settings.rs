@@ -17,19 +17,18 @@ use specula_train::profile::{self, Ablation, Profile};
 ///
 /// # Errors
 /// [`Failure::Input`] for settings that the profile does not have.
-pub(crate) fn profile_of(args: &Train, iterations: u32, of_objects: bool) -> Result<Profile, Failure> {
+pub(crate) fn profile_of(args: &Train, iterations: u32, is_object: bool) -> Result<Profile, Failure> {
     let visits = iterations.saturating_mul(args.views_per_step);
     let mut profile = profile::by_name(args.profile.name(), visits).expect("every name has a profile");
-    if of_objects {
+    if is_object {
         profile = profile.for_objects();
     }
     set_start(&mut profile, &args.start)?;
     let profile = with_light(profile, args.start.light, visits)?;
-    let profile = with_materials(profile, args, of_objects)?;
+    let profile = with_materials(profile, args, is_object)?;
     if args.losses.lambda_metal.is_some() && profile.physical.is_none() {
         return Err(Failure::Input(
-            "there is no metalness that --lambda-metal could weigh; add --relightable, and omit --no-materials"
-                .to_owned(),
+            "--lambda-metal needs materials; add --relightable, and omit --no-materials".to_owned(),
         ));
     }
     let mut profile = with_reflections(profile, args.start.reflections)?;
@@ -61,7 +60,8 @@ fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {
     if let Some(light_per) = args.light_per {
         if profile.light.is_none() || profile.shading.form == ShadingForm::Official {
             return Err(Failure::Input(format!(
-                "--profile {} looks up the light in one way alone; omit --light-per, or use --profile specula or paper",
+                "--profile {} supports only one way to look up the light; omit --light-per, or use --profile specula \
+                 or paper",
                 profile.name
             )));
         }
@@ -70,14 +70,14 @@ fn set_start(profile: &mut Profile, args: &Start) -> Result<(), Failure> {
             LightPer::Pixel => ShadingForm::Deferred,
         };
         if !profile.is_lit_per_pixel() {
-            // No pixel tells how much of it is a mirror.
+            // Shading per Gaussian gives no mirror share per pixel.
             profile.weights.smoothness = 0.0;
         }
     }
     if let Some(resolution) = args.light_resolution {
         if !profile.scheme.takes(resolution) {
             return Err(Failure::Input(format!(
-                "a light of resolution {resolution} cannot be filtered; let --light-resolution be a power of two from \
+                "a light of resolution {resolution} cannot be filtered; set --light-resolution to a power of two from \
                  {} to {}",
                 profile.scheme.resolution_min(),
                 prefilter::RESOLUTION_MAX
@@ -96,26 +96,25 @@ fn with_light(profile: Profile, kind: LightKind, iterations: u32) -> Result<Prof
         (LightKind::Cube, _) => return Ok(profile),
         (LightKind::Mlp, None) => format!("--profile {} has no light; omit --light mlp", profile.name),
         (LightKind::Mlp, Some(_)) if profile.scheme == PrefilterScheme::Official => {
-            format!("--profile {} has a prefilter for cube maps alone; use --profile paper or specula", profile.name)
+            format!("--profile {} can prefilter only cube maps; use --profile paper or specula", profile.name)
         }
-        (LightKind::Mlp, Some(light)) if light.resolution > NETWORK_RESOLUTION_MAX => format!(
-            "--light mlp is evaluated in cube maps of a resolution up to {NETWORK_RESOLUTION_MAX}; set a smaller \
-             --light-resolution"
-        ),
+        (LightKind::Mlp, Some(light)) if light.resolution > NETWORK_RESOLUTION_MAX => {
+            format!("--light mlp supports resolutions up to {NETWORK_RESOLUTION_MAX}; reduce --light-resolution")
+        }
         (LightKind::Mlp, Some(_)) => return Ok(profile.with_light_network(iterations)),
     };
     Err(Failure::Input(fault))
 }
 
-/// Profile with reflections of the far light alone or of the scene itself.
+/// Profile with reflections of only the distant light or also of the scene itself.
 fn with_reflections(mut profile: Profile, reflections: Option<Reflections>) -> Result<Profile, Failure> {
     match reflections {
         None | Some(Reflections::Far) => {}
         Some(Reflections::Near) if profile.is_lit_per_pixel() => profile = profile.reflecting_itself(),
         Some(Reflections::Near) => {
             return Err(Failure::Input(format!(
-                "rays are reflected pixel by pixel; use --profile specula, or --light-per pixel, with --reflections near \
-                 rather than --profile {} as it is",
+                "--reflections near needs light per pixel, unlike --profile {}; use --profile specula, or --light-per \
+                 pixel",
                 profile.name
             )));
         }
@@ -123,25 +122,24 @@ fn with_reflections(mut profile: Profile, reflections: Option<Reflections>) -> R
     Ok(profile)
 }
 
-/// Profile that also fits physical materials, if these are wanted: `specula` fits those of objects
-/// by default.
-fn with_materials(profile: Profile, args: &Train, of_objects: bool) -> Result<Profile, Failure> {
+/// Profile that also fits physical materials, if requested: `specula` fits those of objects by
+/// default.
+fn with_materials(profile: Profile, args: &Train, is_object: bool) -> Result<Profile, Failure> {
     let Start { relightable, no_materials, .. } = args.start;
     let name = profile.name;
     let has_default = args.profile == ProfileName::Specula && profile.is_lit_per_pixel();
     if no_materials && !has_default {
         return Err(Failure::Input(format!(
-            "no materials are fitted with --profile {name} and these settings; omit --no-materials"
+            "--profile {name} with these settings fits no materials; omit --no-materials"
         )));
     }
-    if !relightable && (no_materials || !has_default || !of_objects) {
+    if !relightable && (no_materials || !has_default || !is_object) {
         return Ok(profile);
     }
     let profile = profile.relightable();
     if profile.physical.is_none() {
         return Err(Failure::Input(format!(
-            "materials are lit pixel by pixel; use --profile specula, or --light-per pixel, with --relightable rather \
-             than --profile {name} as it is"
+            "--relightable needs light per pixel, unlike --profile {name}; use --profile specula, or --light-per pixel"
         )));
     }
     Ok(profile)

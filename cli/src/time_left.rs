@@ -1,19 +1,19 @@
-//! Time left of some work: the time of all steps so far for each unit of their expected cost, times
-//! the cost of those left, and the mean time of the pauses so far for each of those left.
+//! Time left of some work: time per unit of expected cost so far, times the cost of the remaining
+//! steps, plus the mean time of a pause so far, times the number of remaining pauses.
 
 use core::fmt;
 
 /// Costs and pauses of the steps of some work, as known before it begins.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Plan {
-    /// Cost of all steps up to each, from none to all, in any unit; each step costs the same where
-    /// this is empty.
+    /// Cumulative cost before each step, then of all, in any unit; if empty, all steps cost the
+    /// same.
     pub(crate) costs: Vec<f64>,
     /// Steps that include a pause of unknown length, in ascending order.
     pub(crate) pauses: Vec<u64>,
     /// Expected cost of a pause, until one is over.
     pub(crate) pause_cost: f64,
-    /// First steps, whose rate counts until they are over: pictures are decoded in them.
+    /// First steps, in which pictures are decoded; their rate is forgotten after them.
     pub(crate) warm_up: u64,
 }
 
@@ -24,7 +24,7 @@ pub(crate) struct TimeLeft {
     /// Steps done, and the time since the start in seconds.
     done: u64,
     seconds: f64,
-    /// Cost and seconds of steps, without their pauses.
+    /// Cost and seconds of the steps, without pauses.
     steps: Sum,
     /// Number and seconds of pauses.
     pauses: Sum,
@@ -42,7 +42,7 @@ impl Sum {
         self.seconds += seconds;
     }
 
-    /// Seconds of one.
+    /// Seconds of one pause.
     fn mean(self) -> Option<f64> {
         (self.amount > 0.0).then(|| self.seconds / self.amount)
     }
@@ -54,12 +54,12 @@ impl TimeLeft {
         Self { plan, done, ..Self::default() }
     }
 
-    /// Replaces the expected costs of the steps that are left.
+    /// Replaces the expected costs of the remaining steps.
     pub(crate) fn replan(&mut self, plan: Plan) {
         self.plan = plan;
     }
 
-    /// Learns that `done` steps are done `seconds` after the start.
+    /// Records that `done` steps are done `seconds` after the start.
     pub(crate) fn advance(&mut self, done: u64, seconds: f64) {
         if done <= self.done {
             return;
@@ -78,7 +78,7 @@ impl TimeLeft {
         (self.done, self.seconds) = (done, seconds);
     }
 
-    /// Seconds left of `all` steps; none before the first is done.
+    /// Seconds left of `all` steps; `None` before the first is done.
     pub(crate) fn seconds(&self, all: u64) -> Option<f64> {
         let rate = self.steps.mean()?;
         let pause = self.pauses.mean().unwrap_or(rate * self.plan.pause_cost);
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn dearer_steps_that_follow_are_planned() {
+    fn the_cost_of_later_steps_is_planned() {
         let cost = |step: u64| if step <= 250 { 0.01 } else { 0.03 };
         let costs = (0..=1000).scan(0.0, |sum, step| {
             *sum += if step == 0 { 0.0 } else { cost(step) * 7.0 };
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn work_that_was_resumed_counts_its_own_steps() {
+    fn resumed_work_counts_only_its_own_steps() {
         let mut left = TimeLeft::new(Plan::default(), 5000);
         assert_eq!(left.seconds(6000), None, "nothing is known yet");
         left.advance(5100, 2.0);
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn times_are_told_in_hours_minutes_and_seconds() {
+    fn times_are_printed_as_hours_minutes_and_seconds() {
         let told = [0.4, 59.4, 59.6, 3599.0, 5025.0, f64::NAN].map(|seconds| Spoken(seconds).to_string());
         assert_eq!(told, ["0 s", "59 s", "1 min 0 s", "59 min 59 s", "1 h 23 min", "0 s"]);
     }

@@ -18,17 +18,17 @@ use specula_train::{pictures::PictureSource, profile::Profile, start::Point, tra
 use specula_viewer::{LiveTraining, Request};
 use std::sync::Arc;
 
-/// Action of a pause.
+/// Action at a pause.
 type Pause<'a> = dyn FnMut(&mut Training) -> Result<(), Failure> + 'a;
 
-/// Program around a training.
+/// Program that runs a training.
 pub(crate) struct Session<'a> {
     pictures: &'a dyn PictureSource,
     points: &'a [Point],
     /// Mean number of pixels of a picture, and number of pictures.
     pixels: usize,
     views: usize,
-    /// Start of the notes of one of several ranks.
+    /// Prefix of the notes of one of several ranks.
     prefix: String,
     pause: Option<Box<Pause<'a>>>,
     /// Feed of a viewer.
@@ -45,7 +45,7 @@ impl fmt::Debug for Session<'_> {
 }
 
 impl<'a> Session<'a> {
-    /// Session without pauses, of a training that starts from these pictures and points.
+    /// Session without pauses, for a training that starts from these pictures and points.
     pub(crate) fn new(pictures: &'a dyn PictureSource, points: &'a [Point]) -> Self {
         Self {
             pictures,
@@ -60,7 +60,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Expects steps as long as pictures of these cameras take.
+    /// Estimates the time of steps from the sizes of these cameras' pictures.
     pub(crate) fn showing<'c>(self, cameras: impl ExactSizeIterator<Item = &'c Camera>) -> Self {
         let count = cameras.len().max(1);
         let pixels = cameras.map(|camera| camera.width as usize * camera.height as usize).sum::<usize>() / count;
@@ -81,7 +81,7 @@ impl<'a> Session<'a> {
         Self { pause: Some(Box::new(pause)), live, ..self }
     }
 
-    /// Takes all steps of a training of this many.
+    /// Takes all steps of a training.
     ///
     /// # Errors
     /// Those of [`Training::run`].
@@ -100,7 +100,7 @@ impl<'a> Session<'a> {
         self.work.into_iter().for_each(Work::finish);
         let count = outcome.nonfinite;
         if count > 0 {
-            tracing::warn!("{count} gradients were not finite and were skipped; the result may be worse for it");
+            tracing::warn!("{count} gradients were not finite and were skipped; the result may be worse");
         }
         Ok(outcome)
     }
@@ -113,12 +113,11 @@ struct Expectation {
     pixels: usize,
     /// Number of Gaussians at the start, and the share of their growth before it.
     start: (usize, f64),
-    /// Steps that take longer: after them the scene's surface is made again, or they follow a
-    /// pause.
+    /// Steps that take longer: those that rebuild the scene's surface, or follow a pause.
     slow: Vec<u64>,
     /// Number of Gaussians now.
     count: usize,
-    /// Step after which every picture was decoded.
+    /// Step after which every picture has been decoded.
     warm_up: u64,
 }
 
@@ -146,11 +145,11 @@ impl Expectation {
         }
     }
 
-    /// Plan of the steps after `iteration`: the number of Gaussians goes on to grow as it did so
-    /// far, and at first as it usually does.
+    /// Plan of the steps after `iteration`: the number of Gaussians keeps growing at its rate so
+    /// far, at first at the usual one.
     fn plan(&self, iteration: u32) -> Plan {
-        /// Growth of a typical scene, relative to its start, and the share of growth that counts as
-        /// much as this expectation.
+        /// Growth of a typical scene, relative to its start, and the weight of this prior as a
+        /// share of growth.
         const USUAL: f64 = 1.7;
         const WEIGHT: f64 = 0.3;
         /// About the time that a surface takes, in the unit of [`Profile::step_cost`].
@@ -234,7 +233,9 @@ impl Observer for Session<'_> {
             }
             Note::StartsOnGpu { .. } | Note::StartsOnCpu { .. } => tracing::info!("{note}"),
             Note::GpuFailed { checkpoint: Some(_), .. } => {
-                tracing::warn!("{note}; to do that later press Ctrl-C, and start again with --resume --executor cpu");
+                tracing::warn!(
+                    "{note}; to continue on the CPU, press Ctrl-C and run again with --resume --executor cpu"
+                );
             }
             _ => tracing::warn!("{note}"),
         }

@@ -1,4 +1,4 @@
-//! Materials and light of a model against the ground truth that its data set carries.
+//! Materials and light of a model against the ground truth of its data set.
 
 use crate::{failure::Failure, progress};
 use core::borrow::Borrow;
@@ -32,7 +32,7 @@ pub(crate) fn measure_materials<T: Borrow<Materials>>(
 }
 
 /// Compares the learned light of a scene of physical materials with the true one of a data set;
-/// none where either is missing. `up` is the scene's up direction.
+/// `None` if either is missing. `up` is the scene's up direction.
 pub(crate) fn measure_light(
     scene: &Scene,
     dataset: &Path,

@@ -1,4 +1,4 @@
-//! Videos of pictures, which ffmpeg encodes.
+//! Videos, encoded by ffmpeg.
 
 use crate::{
     args::{self, ViewOptions},
@@ -17,7 +17,7 @@ use std::{
 };
 use tempfile::TempDir;
 
-/// Endings of videos.
+/// File extensions of videos.
 const ENDINGS: [&str; 8] = ["mp4", "m4v", "mov", "mkv", "avi", "webm", "webp", "gif"];
 /// Filter for codecs with half the resolution in colour, which need even sizes.
 const EVEN: [&str; 4] = ["-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2", "-pix_fmt", "yuv420p"];
@@ -29,7 +29,7 @@ const WEBP: [&str; 6] = ["-c:v", "libwebp_anim", "-quality", "85", "-loop", "0"]
 #[derive(Debug)]
 pub(crate) struct Video {
     path: PathBuf,
-    /// Layer that it shows.
+    /// Layer of the video.
     layer: Layer,
     pictures: TempDir,
 }
@@ -39,8 +39,8 @@ impl Video {
     ///
     /// # Errors
     ///
-    /// Several layers, numbers or transparency, which videos lack; a machine without ffmpeg; a
-    /// folder that cannot be written to.
+    /// Several layers, numbers or transparency, which videos do not support; ffmpeg is not
+    /// installed; a folder that cannot be written to.
     pub(crate) fn requested(
         requested: Option<&Path>,
         views: &ViewOptions,
@@ -56,20 +56,20 @@ impl Video {
             layers if layers == args::DEFAULT_LAYERS => Layer::Rgb,
             _ => {
                 return Err(Failure::Input(format!(
-                    "{path:?} is a video, which shows one layer; name one with --layers"
+                    "{path:?} is a video, which shows one layer; select it with --layers"
                 )));
             }
         };
         if views.exr {
-            return Err(Failure::Input(format!("{path:?} is a video, which holds no numbers; omit --exr")));
+            return Err(Failure::Input(format!("{path:?} is a video, which cannot store numbers; omit --exr")));
         }
         if views.background == Some(BackgroundChoice::Transparent) && ending != "webp" {
             return Err(Failure::Input(format!(
-                "{path:?} is a video, which has a background; use .webp for --background transparent"
+                "{path:?} is a video, which cannot be transparent; use .webp for --background transparent"
             )));
         }
         if path.is_dir() {
-            return Err(Failure::Input(format!("{path:?} is a folder; name another video with -o")));
+            return Err(Failure::Input(format!("{path:?} is a folder; use another name with -o")));
         }
         if !has_ffmpeg() {
             let frames = path.with_extension("");
@@ -88,7 +88,7 @@ impl Video {
         Ok(Some(Self { path: path.to_owned(), layer, pictures }))
     }
 
-    /// Notes views of a data set, which no path joins.
+    /// Notes that views of a data set do not form a continuous path.
     pub(crate) fn note_cuts(&self, set: &CameraSet) {
         if set.split.is_some() {
             tracing::warn!(
@@ -99,7 +99,7 @@ impl Video {
         }
     }
 
-    /// Layer that it shows, as a list.
+    /// Layer of the video, as a list.
     pub(crate) fn layers(&self) -> &[Layer] {
         slice::from_ref(&self.layer)
     }
@@ -129,7 +129,7 @@ impl Video {
         if !done.status.success() {
             let said = String::from_utf8_lossy(&done.stderr).trim().replace('\n', "; ");
             return Err(Failure::Input(format!(
-                "ffmpeg did not write {:?}: {said}; use a folder for the pictures, or another ending",
+                "ffmpeg failed to write {:?}: {said}; use a folder for the pictures, or another extension",
                 self.path
             )));
         }
@@ -141,7 +141,7 @@ impl Video {
 ///
 /// # Errors
 ///
-/// ffmpeg's.
+/// ffmpeg cannot be started or fails.
 pub(crate) fn finish(video: Option<&Video>, folder: &PictureFolder) -> Result<(), Failure> {
     let Some(video) = video else { return output::say(&shown(&folder.path)) };
     video.encode(folder)?;

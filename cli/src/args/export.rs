@@ -21,8 +21,8 @@ use std::path::PathBuf;
 /// Other programs do not implement the shading function. With --bake sh, the default, the colours
 /// of shaded Gaussians are baked into spherical harmonics, fitted to the directions from which the
 /// training cameras see each Gaussian. They match except for sharp reflections, but cannot be
-/// relit. --bake diffuse exports the diffuse colour alone, without any reflections. The error of
-/// the exported files is measured against pictures by specula and printed in dB.
+/// relit. --bake diffuse exports only the diffuse colour, without reflections. The error of the
+/// exported files is measured against pictures by specula and printed in dB.
 ///
 /// Positions and directions are those of the data set's world, unless --upright is given.
 #[derive(Args, Debug)]
@@ -60,7 +60,8 @@ pub(crate) struct Export {
     pub(crate) env: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) env_options: EnvOptions,
-    /// Environment maps that a page offers beside the light of the scene: lat-long, .hdr or .exr.
+    /// Environment maps that a page offers in addition to the scene's light: lat-long, .hdr or
+    /// .exr.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     pub(crate) page_env: Vec<PathBuf>,
     /// Store the numbers of a page in full, in five times the space, instead of rounded.
@@ -75,12 +76,12 @@ pub(crate) struct Export {
     /// Up axis of exported lights: z, that of the scene's world, or y, that of most engines.
     #[arg(long, value_enum, default_value_t = Up::Z)]
     pub(crate) up: Up,
-    /// Align the scene: its up direction along the up axis of the format (-y in .ply and .splat, +y
-    /// in .spz, .glb and meshes, --up in lights), its centre at the origin, its cameras at a median
+    /// Align the scene: up direction along the up axis of the format (-y in .ply and .splat, +y in
+    /// .spz, .glb and meshes, --up in lights), its centre at the origin, its cameras at a median
     /// distance of 4, the first one in front.
     #[arg(long)]
     pub(crate) upright: bool,
-    /// Do not measure the error of the exported files.
+    /// Skip measuring the error of the exported files.
     #[arg(long)]
     pub(crate) no_error: bool,
     /// Background of the pictures that are compared; by default that of the training, else black.

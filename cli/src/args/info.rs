@@ -1,4 +1,4 @@
-//! Arguments of `specula info`, `specula doctor` and the hidden command that tries an LPIPS
+//! Arguments of `specula info`, `specula doctor` and the hidden command that tests an LPIPS
 //! network.
 
 use clap::Args;
@@ -34,12 +34,12 @@ pub(crate) struct Doctor {
     pub(crate) json: bool,
 }
 
-/// Network for LPIPS that is tried.
+/// LPIPS network to test.
 #[derive(Args, Debug)]
 pub(crate) struct TryNetwork {
     /// ONNX file.
     pub(crate) network: PathBuf,
-    /// Width and height of the pictures that it is tried on.
+    /// Width and height of the test pictures.
     #[arg(long, num_args = 2)]
     pub(crate) size: Vec<u32>,
 }

@@ -1,16 +1,16 @@
-//! Light that is known before a training.
+//! Light that is known before training.
 
 use core::{fmt, str::FromStr};
 use serde::{Serialize, Serializer};
 use specula_io::budget::RADIANCE_MAX;
 use std::path::PathBuf;
 
-/// Knowledge of a light before the training.
+/// Prior knowledge of the light.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum LightReference {
-    /// All of it: a lat-long map in a file.
+    /// Complete light: a lat-long map in a file.
     Map(PathBuf),
-    /// Its mean linear radiance.
+    /// Mean linear radiance only.
     Mean([f32; 3]),
 }
 
@@ -30,8 +30,8 @@ impl Serialize for LightReference {
     }
 }
 
-/// A file, or a mean radiance: one number or three. A file whose name is a number is written with
-/// its folder.
+/// A file, or a mean radiance: one number or three. For a file whose name is a number, write its
+/// folder as well.
 impl FromStr for LightReference {
     type Err = String;
 
@@ -45,7 +45,7 @@ impl FromStr for LightReference {
         if mean.iter().all(|number| *number > 0.0 && *number <= RADIANCE_MAX) {
             Ok(Self::Mean(mean))
         } else {
-            Err(format!("use a mean radiance above zero, {RADIANCE_MAX:e} at most, or the file of a light"))
+            Err(format!("use a mean radiance above zero and at most {RADIANCE_MAX:e}, or a light file"))
         }
     }
 }

@@ -28,9 +28,9 @@ pub(crate) struct Lights {
     /// shadows smoother.
     #[arg(long, value_name = "N", default_value_t = RAYS, value_parser = shadow_rays)]
     pub(crate) shadow_rays: usize,
-    /// Let a plane below the scene catch its shadows, in the colour of the background, or black
-    /// with alpha where that is transparent: at a HEIGHT along the scene's up direction, by default
-    /// that of its lowest point.
+    /// Add a plane that catches the scene's shadows, in the colour of the background, or black with
+    /// alpha if that is transparent. HEIGHT is along the scene's up direction, by default that of
+    /// its lowest point.
     #[arg(long, value_name = "HEIGHT", num_args = 0..=1, allow_negative_numbers = true, value_parser = finite, conflicts_with = "truth")]
     pub(crate) ground: Option<Option<f32>>,
 }
@@ -57,12 +57,12 @@ pub(crate) struct LampOptions {
     pub(crate) lights: Option<PathBuf>,
 }
 
-/// Environment map that is asked for.
+/// Requested environment map.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum EnvChoice {
-    /// Map of a file.
+    /// Map from a file.
     File(PathBuf),
-    /// Darkness.
+    /// No light: all zeros.
     None,
 }
 

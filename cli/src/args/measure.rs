@@ -21,7 +21,7 @@ use std::path::PathBuf;
 /// Models trained with --relightable are also measured against true materials (r_0_albedo.png and
 /// r_0_material.png beside a test picture) and a true light (env.hdr in the folder of the data
 /// set), where there are any: albedo after the best scale per channel, roughness, metalness,
-/// correlation and brightness of the light, and relighting with the albedo scaled likewise.
+/// correlation and brightness of the light, and relighting with the scaled albedo.
 ///
 /// Measures of the test views are written to MODEL/results.json and MODEL/per_view.json under
 /// ours_N, or, with settings that differ from training, under a longer name such as ours_N_f16 or
@@ -121,7 +121,7 @@ pub(crate) enum TableFormat {
 
 /// Measure the error of rendered pictures against exact ones, and the run time that it saves.
 ///
-/// Each setting is varied alone, with all others at their most exact, and then all together:
+/// Settings are varied one at a time, with all others at their most exact, and then together:
 /// storage, filter and resolution of the light, degree of the harmonics, alpha and transmittance
 /// cutoffs, extent of splats, light per pixel or per Gaussian, channels. Pictures are compared with
 /// the same pipeline in f64 without cutoffs. The cheapest settings for 30, 40, 50 and 60 dB are

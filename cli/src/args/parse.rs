@@ -16,7 +16,7 @@ pub(super) fn finite(text: &str) -> Result<f32, String> {
 
 /// Angle in degrees, of any number of turns.
 pub(super) fn degrees(text: &str) -> Result<f32, String> {
-    finite(text).map_err(|error| format!("{error} of degrees"))
+    finite(text).map_err(|error| format!("{error}, in degrees"))
 }
 
 /// Number of shadow rays.
@@ -42,7 +42,7 @@ pub(super) fn share(text: &str) -> Result<f32, String> {
 
 pub(super) fn error_bound(text: &str) -> Result<f64, String> {
     let number = above_zero(text)?;
-    if number < 1.0 { Ok(number) } else { Err("use a number below 1, which is white; 5/255 is 0.02".into()) }
+    if number < 1.0 { Ok(number) } else { Err("use a number below 1 (white); 5/255 is 0.02".into()) }
 }
 
 pub(super) fn downscale(text: &str) -> Result<u32, String> {
@@ -84,9 +84,9 @@ pub(super) fn projection(text: &str) -> Result<ProjectionModel, String> {
         "affine" => Ok(ProjectionModel::Affine),
         "tangent" => Ok(ProjectionModel::Tangent),
         "ray" => Ok(ProjectionModel::Ray),
-        alpha => share(alpha)
-            .map(ProjectionModel::Within)
-            .map_err(|_| "use affine, tangent, ray, or the alpha from 0 to 1 that affine may be off by".to_owned()),
+        alpha => share(alpha).map(ProjectionModel::Within).map_err(|_| {
+            "use affine, tangent, ray, or the error in alpha, from 0 to 1, that affine may have".to_owned()
+        }),
     }
 }
 
@@ -108,7 +108,7 @@ pub(super) fn order(text: &str) -> Result<BlendOrder, String> {
 }
 
 pub(super) fn executor(text: &str) -> Result<ExecutorChoice, String> {
-    text.parse().map_err(|error: InvalidExecutor| format!("{error}, where `specula doctor` lists the names"))
+    text.parse().map_err(|error: InvalidExecutor| format!("{error}; `specula doctor` lists the names"))
 }
 
 pub(super) fn cube_resolution(text: &str) -> Result<usize, String> {

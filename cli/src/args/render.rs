@@ -61,12 +61,11 @@ pub(crate) struct Render {
     pub(crate) verify_omissions: bool,
     /// Render on the CPU with the cheapest settings whose colours are within E of exact ones (RMS
     /// of sRGB, where white is 1), which are in the given --order. Each picture is compared with
-    /// the most exact one, which is written in its place if the error is larger; see
-    /// docs/accuracy.md.
+    /// the most exact one, which is written instead if the error is larger; see docs/accuracy.md.
     #[arg(long, value_name = "E", value_parser = error_bound, conflicts_with_all = ["verify_omissions", "storage", "projection"])]
     pub(crate) max_error: Option<f64>,
-    /// With --max-error, do not compare pictures with exact ones. This is faster, but views other
-    /// than those that the settings were chosen by may have errors above E.
+    /// With --max-error, do not compare pictures with exact ones. This is faster, but views that
+    /// did not select the settings may have errors above E.
     #[arg(long, requires = "max_error")]
     pub(crate) no_verify: bool,
 }
@@ -117,7 +116,7 @@ pub(crate) struct Relight {
     /// Layers to render, separated by commas.
     #[arg(long, value_parser = layer(), value_delimiter = ',', default_value = "rgb")]
     pub(crate) layers: Vec<Layer>,
-    /// Folder of ground-truth pictures under the new light, named as the views, to measure against.
+    /// Folder of ground-truth pictures under the new light, named as the views, to compare with.
     #[arg(long, value_name = "FOLDER", conflicts_with = "upright")]
     pub(crate) truth: Option<PathBuf>,
     /// Print measures as JSON.
@@ -142,17 +141,16 @@ pub(crate) struct ViewOptions {
     /// shows more of the scene and does not stretch it.
     #[arg(long, value_name = "W,H", value_parser = size)]
     pub(crate) size: Option<[u32; 2]>,
-    /// Turn pictures by 90° or 180° where the scene lies on its side in them, as photographs of
-    /// phones are often stored.
+    /// Rotate pictures by 90° or 180° if the scene lies on its side, as in many photographs from
+    /// phones.
     #[arg(long)]
     pub(crate) upright: bool,
     /// Background of the colours: black, white or R,G,B; env for the environment light; or
     /// transparent for alpha. By default that of the training, else black.
     #[arg(long, value_name = "black|white|R,G,B|env|transparent")]
     pub(crate) background: Option<BackgroundChoice>,
-    /// Write the numbers of each layer beside its picture as well, as 32-bit floats in OpenEXR:
-    /// depth in units of the scene, normals, colours in linear light with alpha, without background
-    /// and ground.
+    /// Also write the numbers of each layer, as 32-bit floats in OpenEXR: depth in units of the
+    /// scene, normals, colours in linear light with alpha, without background and ground.
     #[arg(long)]
     pub(crate) exr: bool,
     #[command(flatten)]

@@ -31,7 +31,7 @@ pub(crate) struct SceneOptions {
     pub(crate) renderer: RendererOptions,
 }
 
-/// Low-pass of files that do not name theirs.
+/// Low-pass filter for files that do not name one.
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct AntialiasedOption {
     /// Compensated low-pass of a PLY file that does not say so: 0.3 px² (gsplat, the default; also
@@ -71,7 +71,7 @@ pub(crate) struct RendererOptions {
     #[arg(long, value_enum, value_name = "f32|f16", default_value_t = StorageName::F32)]
     pub(crate) storage: StorageName,
     /// Projection of Gaussians: affine, as in training; exact (ray, tangent; CPU only); or exact
-    /// where the affine one is off by more than ALPHA (see docs/accuracy.md).
+    /// where the error of affine exceeds ALPHA (see docs/accuracy.md).
     #[arg(long, value_name = "affine|tangent|ray|ALPHA", default_value = "affine", value_parser = projection)]
     pub(crate) projection: ProjectionModel,
     /// Order in which splats are blended: by the depth of their means, as in training; by the depth
@@ -94,8 +94,8 @@ impl RendererOptions {
 /// Colours of a relightable model.
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct ShadingOption {
-    /// Colours of a model trained with --relightable: view, those that depend on the view and suit
-    /// the light of the training; or physical, the materials, which suit any light [default: view
+    /// Colours of a model trained with --relightable: view, view-dependent and valid under the
+    /// light of the training; or physical, materials that are valid under any light [default: view
     /// under the light of the training, physical under others].
     #[arg(long = "shading", value_enum, value_name = "view|physical", hide_possible_values = true)]
     pub(crate) name: Option<ShadingName>,

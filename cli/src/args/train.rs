@@ -24,7 +24,7 @@ use std::{
 pub(crate) const AT_MOST_1600: u32 = 0;
 /// Resolution of `-r auto`: the smallest factor with at most [`LONGER_EDGE`] pixels along an edge.
 pub(crate) const AT_MOST_1100: u32 = u32::MAX;
-/// Pixels along the longer edge of `-r auto`: a quarter of what phones take.
+/// Pixels along the longer edge of `-r auto`: a quarter of a phone's photographs.
 pub(crate) const LONGER_EDGE: u32 = 1100;
 
 /// Train Gaussians and an environment light on pictures with known cameras.
@@ -87,19 +87,19 @@ pub(crate) struct Train {
     /// Number of iterations, such as 30000, 30k or 3e4; schedules stretch with it.
     #[arg(long, value_name = "N", default_value_t = 30_000, value_parser = positive::<u32>)]
     pub(crate) iterations: u32,
-    /// Fit this many views in each iteration, with gradients at the same parameters, which several
-    /// ranks can share; schedules adapt, so that 4 views take a quarter of the iterations. Some
-    /// quality is lost; see docs/scaling.md.
+    /// Views per iteration, with gradients at the same parameters, which several ranks can share;
+    /// schedules adapt, so that 4 views take a quarter of the iterations. Some quality is lost; see
+    /// docs/scaling.md.
     #[arg(long, value_name = "B", default_value_t = 1, value_parser = views_per_step)]
     #[serde(skip_serializing_if = "is_one")]
     pub(crate) views_per_step: u32,
-    /// Share the training among N threads, with the same result; with --executor gpu each has the
-    /// next GPU. Several machines share one over MPI; see docs/scaling.md.
+    /// Split the training over N threads, with the same result; with --executor gpu each uses its
+    /// own GPU. For several machines use MPI; see docs/scaling.md.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = ranks)]
     #[serde(skip)]
     pub(crate) ranks: u16,
-    /// Hold at most this many GiB of decoded pictures, and decode others again before their turn;
-    /// the model is the same. By default half of the memory that is free at the start.
+    /// Keep at most this many GiB of decoded pictures and decode the others again before use; the
+    /// model is the same. By default half of the free memory.
     #[arg(long, value_name = "GIB", value_parser = gibibytes)]
     #[serde(skip)]
     pub(crate) picture_memory: Option<f64>,
@@ -275,7 +275,7 @@ pub(crate) struct Many {
     /// Train only the K-th of the manifest, such as a task of a Slurm array.
     #[arg(long, value_name = "K", requires = "manifest", value_parser = positive::<usize>)]
     pub(crate) task: Option<usize>,
-    /// Print a command for each training of the manifest, and train none.
+    /// Print the command of each training of the manifest; do not train.
     #[arg(long, requires = "manifest")]
     pub(crate) list: bool,
 }
@@ -301,8 +301,8 @@ pub(crate) struct Start {
     /// Fraction of the run that trains on pictures of half the size, where an iteration costs less.
     #[arg(long, value_name = "0..1", value_parser = share)]
     pub(crate) coarse_until: Option<f32>,
-    /// Fraction of the run after which all learning rates fall to zero, so that noise of single
-    /// views averages out; 1 for never [default: 0.7 for specula, 1 for others].
+    /// Fraction of the run after which all learning rates decay to zero, which averages out the
+    /// noise of views; 1 for never [default: 0.7 for specula, 1 for others].
     #[arg(long, value_name = "0..1", value_parser = share)]
     pub(crate) cool_from: Option<f32>,
     /// Degree of the spherical harmonics, 0 to 3; -1, from GaussianShader's command lines, for that
@@ -311,8 +311,8 @@ pub(crate) struct Start {
     #[serde(skip_serializing_if = "is_of_profile")]
     pub(crate) sh_degree: Option<i8>,
     /// Train anti-aliased, as Mip-Splatting does: pictures at other resolutions and distances than
-    /// those of the training keep their brightness and show no needles. Other programs show such a
-    /// model right only if they do the same.
+    /// those of the training keep their brightness and show no needles. Other programs need the
+    /// same filter.
     #[arg(long)]
     #[serde(skip_serializing_if = "core::ops::Not::not")]
     pub(crate) antialias: bool,
@@ -324,22 +324,22 @@ pub(crate) struct Start {
     #[arg(long, value_enum, default_value_t = LightKind::Cube)]
     #[serde(skip_serializing_if = "LightKind::is_cube")]
     pub(crate) light: LightKind,
-    /// Reflections of the light far away (far), or of the scene's own surface as well where
-    /// reflected rays meet it (near), as on a toaster or between chess pieces; needs the light
-    /// looked up per pixel [default: far].
+    /// Reflections of the distant light (far), or also of the scene's own surface where reflected
+    /// rays hit it (near), as on a toaster or between chess pieces; needs --light-per pixel
+    /// [default: far].
     #[arg(long, value_enum)]
     pub(crate) reflections: Option<Reflections>,
     /// Also fit physical materials, for other lights [default: of objects cut out by alpha].
     #[arg(long)]
     #[serde(skip_serializing_if = "core::ops::Not::not")]
     pub(crate) relightable: bool,
-    /// Fit no materials of objects, and save a third of the time.
+    /// Do not fit materials of objects; saves a third of the time.
     #[arg(long, conflicts_with = "relightable")]
     #[serde(skip_serializing_if = "core::ops::Not::not")]
     pub(crate) no_materials: bool,
-    /// Light that is known, with which materials are absolute: a lat-long map of linear radiance
-    /// (.hdr or .exr), its upper edge the scene's up direction; or only its mean, one number or
-    /// R,G,B, while its shape is found.
+    /// Known light, which makes materials absolute: a lat-long map of linear radiance (.hdr or
+    /// .exr), its upper edge the scene's up direction; or only its mean, one number or R,G,B; its
+    /// shape is trained.
     #[arg(long, value_name = "FILE|MEAN|R,G,B")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) light_reference: Option<LightReference>,
@@ -366,13 +366,13 @@ impl LightKind {
     }
 }
 
-/// Ends of reflected rays.
+/// Scene that reflected rays see.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Reflections {
-    /// The light far away.
+    /// Distant light.
     Far,
-    /// The scene's own surface, and beyond it the light far away.
+    /// Surface of the scene, then the distant light.
     Near,
 }
 
@@ -382,7 +382,7 @@ pub(crate) enum Reflections {
 pub(crate) enum WhitePixels {
     /// White, or anything brighter.
     Overexposed,
-    /// White alone.
+    /// Exactly white.
     Exact,
 }
 
@@ -500,7 +500,7 @@ pub(super) fn is_of_profile(degree: &Option<i8>) -> bool {
     degree.is_none_or(|degree| degree < 0)
 }
 
-/// Serializes a seed; as text beyond the 63 bits of TOML's integers.
+/// Serializes a seed, as text if it exceeds the 63 bits of TOML's integers.
 pub(super) fn as_typed<S: Serializer>(number: &u64, out: S) -> Result<S::Ok, S::Error> {
     match i64::try_from(*number) {
         Ok(number) => out.serialize_i64(number),
@@ -513,21 +513,21 @@ fn is_one(views: &u32) -> bool {
     *views == 1
 }
 
-/// Number of views of a step: more take more memory than they save time.
+/// Number of views per step: more views need more memory than they save time.
 pub(super) fn views_per_step(text: &str) -> Result<u32, String> {
     const MOST: u32 = 1024;
     let views = positive(text)?;
-    if views <= MOST { Ok(views) } else { Err(format!("use {MOST} views a step at most")) }
+    if views <= MOST { Ok(views) } else { Err(format!("use at most {MOST} views per step")) }
 }
 
 /// Number of ranks that are threads.
 pub(super) fn ranks(text: &str) -> Result<u16, String> {
     const MOST: u16 = 64;
     let count = positive(text)?;
-    if count <= MOST { Ok(count) } else { Err(format!("use {MOST} ranks at most")) }
+    if count <= MOST { Ok(count) } else { Err(format!("use at most {MOST} ranks")) }
 }
 
-/// Memory in GiB, which may be less than one.
+/// Memory in GiB; fractions are valid.
 pub(super) fn gibibytes(text: &str) -> Result<f64, String> {
     let size: f64 = text.parse().map_err(|_| "give a number of GiB, such as 4 or 0.5".to_owned())?;
     if size.is_finite() && size >= 0.0 { Ok(size) } else { Err("give a number of GiB that is not negative".into()) }
@@ -543,13 +543,13 @@ pub(super) fn background_points(text: &str) -> Result<u32, String> {
     count(text).and_then(few)
 }
 
-/// Limit on the number of points: drawing more takes minutes, and no machine trains them.
+/// Limit on the number of points: more take minutes to draw, and no machine can train them.
 pub(super) fn few(number: u32) -> Result<u32, String> {
     const MOST: u32 = 20_000_000;
-    if number <= MOST { Ok(number) } else { Err(format!("use {MOST} points at most")) }
+    if number <= MOST { Ok(number) } else { Err(format!("use at most {MOST} points")) }
 }
 
-/// Serialises a downscaling as on the command line.
+/// Serializes a downscaling as on the command line.
 fn as_option_of_resolution<S: Serializer>(factor: &u32, serializer: S) -> Result<S::Ok, S::Error> {
     match *factor {
         AT_MOST_1600 => serializer.serialize_i32(-1),

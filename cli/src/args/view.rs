@@ -19,9 +19,9 @@ pub(crate) const ADDRESS: &str = "127.0.0.1:7008";
 /// sent on demand; on phones and slow connections they become smaller while the camera moves. Drag
 /// to rotate, scroll or pinch to zoom, press ? for all keys. Keys 1 to 0 select layers. An
 /// environment map (.hdr, .exr) can be dropped onto the page and rotated by dragging. Camera paths
-/// can be recorded and rendered to a ZIP file of frames. Models of --relightable are lit by suns
-/// and lamps, which are added and dragged on the page; --sun, --lamp and --lights let it start with
-/// some, in darkness or under the first map of --env.
+/// can be recorded and rendered to a ZIP file of frames. Suns and lamps light models of
+/// --relightable; they are added and dragged on the page, and --sun, --lamp and --lights set the
+/// first ones, in darkness or under the first map of --env.
 ///
 /// The page is only reachable from this machine, unless --listen names another address. It then
 /// requires a token, which is part of the printed address. Connections are not encrypted: in
@@ -52,8 +52,8 @@ pub(crate) struct View {
     /// Up direction of these files: that of the scene, or an axis of the world.
     #[arg(long, value_enum, default_value_t = EnvUp::Scene)]
     pub(crate) env_up: EnvUp,
-    /// The page starts under these suns and lamps and the first map of --env, else that of
-    /// --lights, as relight shows them; without such a map they shine alone.
+    /// The page starts with these suns and lamps and the first map of --env, else that of --lights,
+    /// as with relight; without a map there is no other light.
     #[command(flatten)]
     pub(crate) lamps: LampOptions,
     /// Background; by default that of the training, else black.

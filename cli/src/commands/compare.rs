@@ -14,7 +14,9 @@ pub(crate) fn run(args: &Compare) -> Result<(), Failure> {
     let comparison = Comparison::read(&args.runs)?;
     if !comparison.is_measured() {
         let first = shown(&args.runs[0]);
-        return Err(Failure::Input(format!("none of the runs was measured; run specula eval {first}, and so on")));
+        return Err(Failure::Input(format!(
+            "no run was measured; run specula eval {first}, and the same for the others"
+        )));
     }
     let warnings = warnings(&comparison);
     comparison.missing().iter().map(advice).chain(warnings.iter().cloned()).for_each(|note| tracing::info!("{note}"));
@@ -26,7 +28,7 @@ pub(crate) fn run(args: &Compare) -> Result<(), Failure> {
     }
 }
 
-/// Sentence about a missing measure, with the command that takes it.
+/// Sentence about a missing measure, with the command that computes it.
 fn advice(missing: &Missing) -> String {
     let option = match missing.measurement {
         Measurement::Standard => "",
@@ -37,16 +39,15 @@ fn advice(missing: &Missing) -> String {
     format!("{folder} has no {}; run specula eval {folder}{option}", missing.measure)
 }
 
-/// Sentences about runs whose figures are of another model or of no new views, or that are not
-/// comparable.
+/// Sentences about runs measured at another iteration, on training views, or not comparable.
 fn warnings(comparison: &Comparison) -> Vec<String> {
     let unmeasured = comparison.unmeasured().map(|(folder, iteration)| {
         let folder = shown(folder);
-        format!("{folder} holds iteration {iteration}, which was not measured; specula eval {folder} does")
+        format!("{folder} has iteration {iteration}, which was not measured; run specula eval {folder}")
     });
     let seen = comparison.without_held_out_views().map(|folder| {
         format!(
-            "{} was trained without --eval, so on all views of its data set; its figures are of no new views",
+            "{} was trained without --eval, on all views of its data set; its metrics are on training views",
             shown(folder)
         )
     });
@@ -63,7 +64,7 @@ fn format_of(args: &Compare) -> Result<Format, Failure> {
             Some("md" | "markdown") => Ok(Format::Markdown),
             Some("csv") => Ok(Format::Csv),
             Some("tex") => Ok(Format::Latex),
-            _ => Err(Failure::Input(format!("{path:?} does not say its format; let it end in .md, .csv or .tex"))),
+            _ => Err(Failure::Input(format!("{path:?} has no known extension; use .md, .csv or .tex"))),
         },
     }
 }

@@ -1,4 +1,4 @@
-//! `specula demo`: a small scene from pictures to relit pictures, beside plain Gaussian splatting.
+//! `specula demo`: a small scene from pictures to relit pictures, next to plain Gaussian splatting.
 
 use crate::{
     args::{Arguments, Command, Demo},
@@ -93,7 +93,7 @@ fn next_commands(folder: &Path) -> String {
     )
 }
 
-/// Trains the shaded scene alone; returns the folder of its model.
+/// Trains only the shaded scene; returns the folder of its model.
 pub(crate) fn train_shaded(args: &Demo) -> Result<PathBuf, Failure> {
     let _lock = lock(args)?;
     refuse_to_hide(args, PROFILES[1])?;
@@ -102,7 +102,7 @@ pub(crate) fn train_shaded(args: &Demo) -> Result<PathBuf, Failure> {
     Ok(args.output.join(name))
 }
 
-/// Refuses a folder with a training that is not of an earlier demo; one of a demo is replaced.
+/// Rejects a folder with a training that no demo started; an earlier demo is replaced.
 fn refuse_to_hide(args: &Demo, name: &str) -> Result<(), Failure> {
     let folder = args.output.join(name);
     let data = output::absolute(&args.output.join("data"));
@@ -110,7 +110,7 @@ fn refuse_to_hide(args: &Demo, name: &str) -> Result<(), Failure> {
     if !model_folder::holds_training(&folder) || model_folder::read_info(&folder)?.as_ref().is_some_and(is_demo) {
         return Ok(());
     }
-    Err(Failure::Input(format!("{folder:?} holds a model that is not of a demo; name another folder with -o")))
+    Err(Failure::Input(format!("{folder:?} contains a model that is not from a demo; use another folder with -o")))
 }
 
 /// Creates the demo's folder and locks it against other trainings.
@@ -119,7 +119,7 @@ fn lock(args: &Demo) -> Result<Lock, Failure> {
     for name in PROFILES.into_iter().chain(["data", Pictures::FOLDER]) {
         within::refuse_links(&args.output, &args.output.join(name))?;
     }
-    const REMEDY: &str = "wait until it ends, or name another folder with -o";
+    const REMEDY: &str = "wait until it ends, or use another folder with -o";
     Lock::take(&args.output).map_err(|error| Failure::locked(error, REMEDY))
 }
 
@@ -149,7 +149,7 @@ fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> R
     let mut training = Training::new(&ExecutorChoice::Cpu, settings.clone(), &data.train, &start, &mut session)?;
     let outcome = session.run(&mut training, name, &settings, &[])?;
     if outcome.is_interrupted {
-        return Err(Failure::Interrupted(format!("interrupted in training {name:?}; start the demo again to see it")));
+        return Err(Failure::Interrupted(format!("interrupted while training {name:?}; run the demo again")));
     }
     let scene = training.scene()?;
     let folder = args.output.join(name);

@@ -15,8 +15,8 @@ pub(crate) fn run(args: &Doctor) -> Result<(), Failure> {
             "auto": gpus.iter().find(|gpu| gpu.is_used).map_or("cpu", |gpu| &gpu.name),
         }));
     }
-    let of_threads = if threads == 1 { "thread" } else { "threads" };
-    output::say(&format!("CPU       {threads} {of_threads}, {vectors}"))?;
+    let noun = if threads == 1 { "thread" } else { "threads" };
+    output::say(&format!("CPU       {threads} {noun}, {vectors}"))?;
     for gpu in &gpus {
         output::say(&gpu.text)?;
     }

@@ -43,7 +43,7 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     let source = source_of(args, &opened)?;
     if args.source_path.is_none() && Split::from(args.split) == Split::Test && opened.test_views() == Some(0) {
         tracing::warn!(
-            "the model was trained without --eval, so on these views as well: what is measured is no quality of new views"
+            "the model was trained without --eval, so these are training views; train with --eval to measure new views"
         );
     }
     let (views, truths) = views_of(args, &opened, &source)?;
@@ -65,7 +65,7 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     let materials = measure_materials(&opened.scene, &(&args.renderer).into(), &cameras, truth)?;
     let albedo_scale = materials.as_ref().and_then(|materials| materials.albedo_scale);
     let up = up_of(opened.info.as_ref(), views.iter().map(|view| &view.camera));
-    // A light that was put in place of the learned one says nothing about the training.
+    // A light that replaces the learned one says nothing about the training.
     let light = if opened.is_relit { None } else { measure_light(&opened.scene, &source, up)? };
     let light = light.map(|(pair, quality)| EvaluatedLight {
         picture: folder.as_ref().map(|_| picture::to_png(&pair.picture(&quality))),
@@ -107,7 +107,7 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     for (view, evaluated) in views.iter().zip(&mut evaluation.views) {
         evaluated.measures = evaluated.measures.clone().of_known(view);
     }
-    // Measures that took long are shown even where the model's folder cannot be written to.
+    // Prints measures before writing them: the model's folder may be read-only.
     let kept = match (results, split) {
         (Some((folder, method)), Split::Test) => {
             let quality = measure::quality(&evaluation.measures());
@@ -141,7 +141,7 @@ fn write_page(folder: &Path, evaluation: &Evaluation) -> Result<(), Failure> {
     output::write_text(&page_in(folder), &page.html)
 }
 
-/// Network that was tried in a process with limits, on pictures as large as the largest view.
+/// Network that was tested in a process with limits, on pictures of the size of the largest view.
 fn trusted_network(path: &Path, views: &[View]) -> Result<LpipsNetwork, Failure> {
     let sizes = views.iter().map(|view| [view.camera.width, view.camera.height]);
     let largest = sizes.max_by_key(|[width, height]| u64::from(*width) * u64::from(*height)).unwrap_or_default();
@@ -149,8 +149,8 @@ fn trusted_network(path: &Path, views: &[View]) -> Result<LpipsNetwork, Failure>
     Ok(LpipsNetwork::read(path)?)
 }
 
-/// Adds LPIPS to the measures of each view. All threads work on one view, so that the features of
-/// one at a time are held.
+/// Adds LPIPS to the measures of each view. All threads work on one view, so that only its features
+/// are in memory.
 fn measure_lpips(
     network: &LpipsNetwork,
     renderer: &mut SceneRenderer,
@@ -162,8 +162,7 @@ fn measure_lpips(
     for (index, (view, evaluated)) in views.iter().zip(evaluated).enumerate() {
         let distance = network.distance(view, &renderer.render(&view.camera)?, background.0).map_err(|error| {
             Failure::Input(format!(
-                "{error}; leave --lpips out, or measure larger pictures with -r 1 if nothing of these reaches the last \
-                 layer"
+                "{error}; omit --lpips, or use -r 1 if the pictures are too small for the network's last layer"
             ))
         })?;
         evaluated.measures.values[LPIPS] = Some(distance);
@@ -173,9 +172,8 @@ fn measure_lpips(
     Ok(())
 }
 
-/// Measures a scene under every light of its data set with ground truth of these views.
-/// `up` is the scene's up direction; with factors of the albedo, a scene with these is measured
-/// too.
+/// Measures a scene under every light of its data set with ground truth of these views. `up` is the
+/// scene's up direction; with albedo factors, the scene with scaled albedo is measured too.
 fn measure_relit(
     args: &Eval,
     opened: &OpenedModel,
@@ -191,7 +189,7 @@ fn measure_relit(
         shade(&mut scene, args.shading.shading())?;
         Ok(SceneRenderer::new(scene, Channels::Color, &(&args.renderer).into())?)
     };
-    // Factors of the albedo are of physical materials, not of the view-dependent colours.
+    // Albedo factors apply to physical materials, not to view-dependent colours.
     let albedo_scale = albedo_scale.filter(|_| args.shading.shading() != Some(Shading::View));
     let measured = |(light, folder): (PathBuf, PathBuf)| {
         let truth = GroundTruth::read(&folder, &cameras)?;
@@ -233,7 +231,7 @@ fn method_of(args: &Eval, opened: &OpenedModel) -> Option<String> {
     Some(parts.join("_"))
 }
 
-/// Whether a data set differs from that of the training. One that was moved counts as the same.
+/// Whether a data set differs from that of the training. A data set that was moved is the same.
 fn is_other_source(source: &Path, opened: &OpenedModel) -> bool {
     let trained_on = opened.info.as_ref().and_then(|info| fs::canonicalize(&info.source_path).ok());
     trained_on.is_some_and(|trained_on| fs::canonicalize(source).is_ok_and(|source| source != trained_on))
@@ -249,11 +247,11 @@ fn source_of(args: &Eval, opened: &OpenedModel) -> Result<PathBuf, Failure> {
     let info = opened.info.as_ref();
     let recorded = info.map(|info| PathBuf::from(&info.source_path)).filter(|path| !path.as_os_str().is_empty());
     args.source_path.clone().or(recorded).ok_or_else(|| {
-        Failure::Input(format!("{:?} does not say which data set it was trained on; name it with -s", args.scene))
+        Failure::Input(format!("{:?} does not name the data set it was trained on; give it with -s", args.scene))
     })
 }
 
-/// Views to measure, and the ground-truth materials of the first of them.
+/// Views to measure, and the ground-truth materials of the first ones.
 fn views_of(args: &Eval, opened: &OpenedModel, source: &Path) -> Result<(Vec<View>, Vec<Materials>), Failure> {
     let info = opened.info.as_ref();
     let options = LoadOptions { with_test: true, ..info.map(options_of).unwrap_or_default() };

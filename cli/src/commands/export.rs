@@ -37,7 +37,7 @@ const COMPARED_MAX: usize = 12;
 const SPHERE: u32 = 64;
 /// Largest number of cameras whose depths are fused.
 const FUSED_MAX: usize = 120;
-/// Rows of a lat-long map for each texel along an edge of a face, which keep every texel.
+/// Rows of a lat-long map for each texel along an edge of a face, enough to keep every texel.
 const ROWS: usize = 2;
 /// Degree of baked harmonics by default.
 const DEGREE: u8 = 3;
@@ -54,7 +54,9 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     let is_page = |format: &ExportFormat| matches!(format, ExportFormat::Page | ExportFormat::PageFolder);
     let has_page_options = args.page_exact || !args.page_env.is_empty();
     if has_page_options && !formats.iter().any(is_page) {
-        return Err(Failure::Input("--page-env and --page-exact are of pages; write one with -o FILE.html".to_owned()));
+        return Err(Failure::Input(
+            "--page-env and --page-exact apply to pages; write one with -o FILE.html".to_owned(),
+        ));
     }
     refuse_options_without_light(
         args.env.as_ref().or(args.page_env.first()).map(PathBuf::as_path),
@@ -63,7 +65,7 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     let mut opened = scene::open(&args.model, args.scene_options.profile, args.scene_options.antialiased.low_pass())?;
     if let Some(path) = args.output.iter().find(|path| is_of_model(path, &args.model, opened.folder.as_deref())) {
         let path = path.canonicalize().unwrap_or_else(|_| path.clone());
-        return Err(Failure::Input(format!("{path:?} is a file of the model itself; name another with -o")));
+        return Err(Failure::Input(format!("{path:?} is a file of the model itself; use another file with -o")));
     }
     let lights = args.output.iter().zip(&formats).filter(|(_, format)| **format == ExportFormat::PrefilteredLight);
     lights
@@ -81,7 +83,7 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     let background = background_of(&opened, args.background);
     let exporter = Exporter { args, background, opened, placement };
     let mut baked = Baked::default();
-    // A file that cannot be written does not keep the others from being written.
+    // Files are written independently: one may fail, the others are still written.
     let mut failures = Vec::new();
     for (path, format) in args.output.iter().zip(formats) {
         match exporter.write(path, format, &mut baked) {
@@ -95,8 +97,7 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     Err(last)
 }
 
-/// Gaussians in the form of other programs, and the pictures that they are compared with: computed
-/// once for all files.
+/// Gaussians for other programs, and the reference pictures: computed once for all files.
 #[derive(Default)]
 struct Baked {
     /// By degree.
@@ -114,7 +115,7 @@ fn format_of(path: &Path, is_mesh: bool) -> Result<ExportFormat, Failure> {
     Ok(format.ok_or_else(|| Error::Ending { path: path.to_owned(), expected })?)
 }
 
-/// Orientation of the scene, and its first camera, which is in front of it.
+/// Orientation of the scene, and its first camera, which faces it.
 fn placement(args: &Export, opened: &OpenedModel) -> Result<Placement, Failure> {
     let first = opened.cameras()?.first().map(|(_, camera)| *camera);
     Ok((opened.orientation(args.scene_options.scene_up.map(Into::into))?, first))
@@ -172,20 +173,20 @@ impl Exporter<'_> {
         self.placement.as_ref().map(|(orientation, first)| Upright::new(orientation, first.as_ref(), axes))
     }
 
-    /// Visible Gaussians with harmonics of this degree at most, baked if they are shaded.
+    /// Visible Gaussians with harmonics up to this degree, baked if they are shaded.
     fn plain(&self, degree: u8) -> Result<PlainGaussians, Failure> {
         let all = &self.scene().gaussians;
         let kept = visible(all, self.args.min_opacity);
         if kept.is_empty() {
             return Err(Failure::Input(format!(
-                "{:?} has no Gaussian to write, of {} none is finite and has an opacity of {} or more; lower \
-                 --min-opacity, or take an earlier iteration",
+                "{:?} has no Gaussian to write: of {}, none is finite with an opacity of {} or more; lower \
+                 --min-opacity, or use an earlier iteration",
                 self.args.model, all.count, self.args.min_opacity
             )));
         }
         let is_shaded = all.layout.is_shaded();
         if is_shaded && self.scene().light.is_none() {
-            tracing::warn!("the scene has no light, so nothing specular is baked; name one with --env");
+            tracing::warn!("the scene has no light, so nothing specular is baked; add one with --env");
         }
         let cameras = if is_shaded { self.opened.surrounding_cameras(SPHERE)? } else { Vec::new() };
         let work = progress::work("baking", 0);
@@ -237,8 +238,8 @@ impl Exporter<'_> {
     fn light(&self, path: &Path) -> Result<&Environment<Vec<f32>>, Failure> {
         self.scene().light.as_ref().ok_or_else(|| {
             Failure::Input(format!(
-                "{:?} has no light to write to {path:?}; name the folder of a model that was trained with --profile \
-                 specula, or a light with --env",
+                "{:?} has no light to write to {path:?}; use the folder of a model trained with --profile specula, or \
+                 add a light with --env",
                 self.args.model
             ))
         })
@@ -299,7 +300,7 @@ impl Exporter<'_> {
         let scene = self.scene().clone();
         if scene.gaussians.count == 0 {
             return Err(Failure::Input(format!(
-                "{:?} has no Gaussian to see; take an earlier iteration",
+                "{:?} has no visible Gaussian; use an earlier iteration",
                 self.args.model
             )));
         }
@@ -311,7 +312,7 @@ impl Exporter<'_> {
         work.finish();
         if mesh.triangles.is_empty() {
             return Err(Failure::Input(format!(
-                "no camera sees a surface in {:?}; take more --voxels, or a model with opaque surfaces",
+                "no camera sees a surface in {:?}; increase --voxels, or use a model with opaque surfaces",
                 self.args.model
             )));
         }
@@ -328,12 +329,12 @@ impl Exporter<'_> {
         self.say(path, &count, &format!("colours are the mean over {} views", cameras.len()))
     }
 
-    /// Comment that names the origin of positions; none in an upright world of its own.
+    /// Comment that names the origin of positions; `None` in an upright world.
     fn origin(&self) -> Option<String> {
         origin::comment(self.opened.origin).filter(|_| self.placement.is_none())
     }
 
-    /// Prints a file that is written: its content, its size, its losses.
+    /// Prints a written file: content, size, losses.
     fn say(&self, path: &Path, count: &str, losses: &str) -> Result<(), Failure> {
         let bytes = fs::metadata(path).map_err(|cause| Error::Read { path: path.to_owned(), cause })?.len();
         let origin = self.origin().map(|origin| format!("; positions are relative to the {origin}"));

@@ -25,7 +25,7 @@ pub(crate) fn run(args: &Info) -> Result<(), Failure> {
 fn of_model(path: &Path, opened: &OpenedModel) -> Result<Contents, Failure> {
     let mut contents = Contents::of_model(path, opened)?;
     if opened.scene.light.is_none() {
-        contents.remark("light", "; name one with --env where it is needed");
+        contents.remark("light", "; add one with --env if needed");
     }
     Ok(contents)
 }

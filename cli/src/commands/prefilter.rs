@@ -24,7 +24,7 @@ pub(crate) fn run(args: &Prefilter) -> Result<(), Failure> {
     filter(args, &open(args)?)
 }
 
-/// Prefilters and writes a light that is oriented already.
+/// Prefilters and writes an oriented light.
 pub(crate) fn write(args: &Prefilter, light: &Environment<Vec<f32>>) -> Result<(), Failure> {
     filter(args, &at_resolution(light, args.resolution, args.chain()))
 }
@@ -48,7 +48,7 @@ pub(crate) fn description_beside(path: &Path) -> PathBuf {
     path.with_extension("json")
 }
 
-/// Refuses to write a description over a file that is none.
+/// Refuses to overwrite a file that is not a description.
 pub(crate) fn refuse_to_replace(path: &Path) -> Result<(), Failure> {
     if !within::holds(path)? {
         return Ok(());
@@ -57,7 +57,7 @@ pub(crate) fn refuse_to_replace(path: &Path) -> Result<(), Failure> {
     match ["level_of_roughness", "lobe"].iter().all(|key| found.get(key).is_some()) {
         true => Ok(()),
         false => Err(Failure::Input(format!(
-            "{path:?} would be replaced by the description of the light, and is another file; name another with -o"
+            "the description of the light would replace {path:?}, which is another file; use another name with -o"
         ))),
     }
 }
@@ -74,7 +74,7 @@ fn open(args: &Prefilter) -> Result<Environment<Vec<f32>>, Failure> {
     }
     let light = model_folder::open(&args.env)?.light.ok_or_else(|| {
         Failure::Input(format!(
-            "the model in {:?} has no light, as it is plain Gaussian splatting; name a .hdr or .exr file, or a model of \
+            "the model in {:?} is plain Gaussian splatting and has no light; use a .hdr or .exr file, or a model of \
              --profile specula",
             args.env
         ))
@@ -90,7 +90,7 @@ fn levels(args: &Prefilter, resolution: usize) -> Result<Levels, Failure> {
     let (scheme, least) = (chain.name(), chain.resolution_min());
     if resolution < least {
         return Err(Failure::Input(format!(
-            "--scheme {scheme} begins at a resolution of {least}, and this is {resolution}; use --resolution {least}, or \
+            "--scheme {scheme} needs a resolution of at least {least}, not {resolution}; use --resolution {least}, or \
              --scheme specula"
         )));
     }
@@ -101,7 +101,7 @@ fn levels(args: &Prefilter, resolution: usize) -> Result<Levels, Failure> {
     }
     chain.levels(resolution).ok_or_else(|| {
         Failure::Input(format!(
-            "a light of resolution {resolution} has no chain of {} levels; use --levels with 2 to {}",
+            "a light of resolution {resolution} cannot have {} levels; use --levels with 2 to {}",
             chain.count(resolution),
             LevelChain::count_max(resolution)
         ))

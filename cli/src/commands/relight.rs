@@ -1,4 +1,4 @@
-//! `specula relight`: a scene under another light, and how close that comes to the truth.
+//! `specula relight`: a scene under another light, measured against ground truth.
 
 use crate::{
     args::{ProfileName, Relight, ViewOptions},
@@ -30,11 +30,11 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     let is_over_color = args.views.background.is_none_or(|background| background.color().is_some());
     if args.truth.is_some() && !is_over_color {
         return Err(Failure::Input(
-            "true pictures are compared over a colour; use --truth without --background env or transparent".into(),
+            "--truth compares pictures over a colour; omit --background env or transparent".into(),
         ));
     }
     if args.lights.turn_light.is_some() && (args.layers != [Layer::Rgb] || args.views.exr) {
-        return Err(Failure::Input("--turn-light shows only colours; use it without --layers and --exr".into()));
+        return Err(Failure::Input("--turn-light renders only colours; omit --layers and --exr".into()));
     }
     refuse_transparent_layers(&args.views, &args.layers)?;
     let video = Video::requested(args.output.as_deref(), &args.views, &args.layers)?;
@@ -118,7 +118,7 @@ fn over_ground(args: &Relight, opened: &OpenedModel) -> ViewOptions {
     ViewOptions { background: Some(BackgroundChoice::Color(BackgroundColor([1.0; 3]))), ..args.views.clone() }
 }
 
-/// The first camera of a set, once for each picture of a light that turns.
+/// First camera of a set, once for each picture of a turning light.
 fn of_one_camera(set: CameraSet, count: u32) -> CameraSet {
     let camera = set.cameras[0].1;
     let cameras = (0..count).map(|index| (format!("{index:05}"), camera)).collect();
@@ -137,8 +137,7 @@ fn backdrop_under(
     Ok(lighting.grounded(backdrop_of(options, set, opened, map)?, &opened.scene, up))
 }
 
-/// Renders one picture after the other under a light that turns about the scene's up direction, and
-/// an animation.
+/// Renders pictures under a light that turns about the scene's up direction, and an animation.
 fn render_turning(
     views: &ViewOptions,
     mut opened: OpenedModel,

@@ -49,7 +49,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     if let Some(env) = &args.env {
         map = Some(relight(&mut opened.scene, env, light_options, up)?);
     } else {
-        note_missing_light(&opened.scene, "name one with --env");
+        note_missing_light(&opened.scene, "add one with --env");
     }
     shade(&mut opened.scene, args.views.shading.shading())?;
     note_guessed_up(&orientation);
@@ -94,26 +94,26 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     })
 }
 
-/// Refuses options without effect, and bounds that are not kept.
+/// Rejects options without effect, and error bounds that cannot be kept.
 fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
     refuse_options_without_light(args.env.as_deref(), (&args.env_options).into())?;
     if args.max_error.is_some() && !Layer::expanded(&args.layers).contains(&Layer::Rgb) {
-        return Err(Failure::Input("--max-error is of colours; add rgb to --layers".into()));
+        return Err(Failure::Input("--max-error applies to colours; add rgb to --layers".into()));
     }
     let is_transparent = args.views.background == Some(BackgroundChoice::Transparent);
     if args.max_error.is_some() && (is_transparent || args.views.exr) {
         return Err(Failure::Input(
-            "--max-error is of colours over a background; use it without --background transparent and --exr".into(),
+            "--max-error applies to colours over a background; omit --background transparent and --exr".into(),
         ));
     }
     refuse_transparent_layers(&args.views, &args.layers)?;
     Ok(())
 }
 
-/// Notes the effect of --upright where pictures do not show it.
+/// Notes the effect of --upright, which pictures may not show.
 pub(super) fn note_turned(is_upright: bool, set: &CameraSet) {
     if is_upright && !set.is_turned {
-        tracing::info!("every picture is upright already, so --upright turned none");
+        tracing::info!("every picture is upright already; --upright rotated none");
     }
 }
 
@@ -137,16 +137,14 @@ fn render_within(
     video: Option<&Video>,
 ) -> Result<(), Failure> {
     if let ExecutorChoice::Gpu(_) = args.views.scene_options.renderer.executor {
-        return Err(Failure::Input("errors are kept by the processor; use --max-error with --executor cpu".into()));
+        return Err(Failure::Input("--max-error runs on the CPU only; use --executor cpu".into()));
     }
     if opened.scene.shading_model.shading.form == ShadingForm::Physical {
-        return Err(Failure::Input(
-            "errors of physical materials are not measured; use --max-error with --shading view".into(),
-        ));
+        return Err(Failure::Input("--max-error does not support physical materials; use --shading view".into()));
     }
     let cameras = job.cameras.cameras.iter().map(|(_, camera)| *camera).collect();
     if job.layers.len() > 1 {
-        tracing::info!("only colours are verified; other layers have the same setting");
+        tracing::info!("only colours are verified; other layers use the same settings");
     }
     let background = job.backdrop.color().0;
     let order = args.views.scene_options.renderer.order;
@@ -158,19 +156,19 @@ fn render_within(
     output::say(&certified::report(&certified))
 }
 
-/// Refuses a plan whose omissions change pictures, which is a fault of the program.
+/// Reports a plan whose omissions change pictures, a bug.
 fn refuse_omissions(check: &OmissionCheck) -> Result<(), Failure> {
     match check.largest() {
         0.0 => Ok(()),
-        largest => Err(Failure::Internal(format!("what the plan leaves out changes pictures by up to {largest}"))),
+        largest => Err(Failure::Internal(format!("the plan's omissions change pictures by up to {largest}"))),
     }
 }
 
-/// The photographs of a set's views, if the data set of the training is still there.
+/// Photographs of a set's views, if the data set of the training still exists.
 fn true_views(opened: &OpenedModel, set: &CameraSet) -> Vec<View> {
     let (Some(info), Some(split)) = (&opened.info, set.split) else { return Vec::new() };
     views_of(info, split.has_test(), split.has_train()).unwrap_or_else(|failure| {
-        tracing::warn!("without true pictures: {failure}");
+        tracing::warn!("no ground truth: {failure}");
         Vec::new()
     })
 }
@@ -191,7 +189,7 @@ mod tests {
     };
     use specula_scene::{Scene, ShadingModel};
 
-    /// A Gaussian in front of the camera, grey from everywhere.
+    /// Grey Gaussian in front of the camera.
     fn scene() -> Scene {
         let layout = Layout::radiance(0);
         let mut gaussians = Gaussians { count: 1, layout, values: vec![0.0; len_of_values(1, layout)] };
@@ -200,14 +198,14 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_that_lacks_something_is_a_fault_of_the_program() {
+    fn omissions_that_change_a_picture_are_reported_as_a_bug() {
         let camera = Camera::look_at(glam::Vec3::X * 5.0, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 16, 16);
         let options = RenderOptions::full_precision(ExecutorChoice::Cpu);
         let mut renderer = SceneRenderer::new(scene(), Channels::Color, &options).expect("the CPU renders");
         let mut image = renderer.render(&camera).expect("the CPU renders");
         let mut check = OmissionCheck::new(scene(), Channels::Color, &options).expect("the CPU renders");
         check.compare(&camera, &image).expect("the CPU renders");
-        assert!(refuse_omissions(&check).is_ok(), "nothing is lacking");
+        assert!(refuse_omissions(&check).is_ok(), "no omission changes the picture");
 
         let number = &mut image.plane_mut(1)[70];
         let added = (*number + 0.25) - *number;

@@ -70,8 +70,8 @@ fn opened(model: &Path, args: &Report) -> Result<Opened, Failure> {
     let subject = subject_of(scene.clone(), cameras, background);
     if !subject.has_reference() {
         return Err(Failure::Input(format!(
-            "there are no exact pictures of {model:?}, because the authors' shading is what their code does; report on a \
-             model of profile specula, paper or 3dgs, or name one with the --profile of its training"
+            "{model:?} has no exact pictures, because its profile, official, is defined by code; use a model of \
+             profile specula, paper or 3dgs, or --profile to read it as one"
         )));
     }
     Ok(Opened { subject, scene, up })

@@ -48,8 +48,8 @@ use std::{
     sync::{Arc, Mutex},
 };
 
-/// Trains, saves, and measures with `--eval`: alone, as one of several ranks, or on several ranks
-/// that are threads.
+/// Trains, saves, and measures with `--eval`: as the only rank, as one of several, or on several
+/// ranks that are threads.
 pub(crate) fn run(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
     match args.ranks {
         1 => {
@@ -57,9 +57,9 @@ pub(crate) fn run(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
             let connected = exchange.as_mut().map(|exchange| exchange.as_mut() as &mut dyn Exchange);
             Prepared::new(args, ranks, connected)?.train(ranks, exchange)
         }
-        _ if ranks.size > 1 => Err(Failure::Input(
-            "ranks of MPI are no threads of one process; omit --ranks, or start without mpirun".into(),
-        )),
+        _ if ranks.size > 1 => {
+            Err(Failure::Input("--ranks cannot be combined with mpirun; omit --ranks, or start without mpirun".into()))
+        }
         count => {
             let prepared = Prepared::new(args, ranks, None)?;
             share_among_threads(count.into(), |ranks| prepared.train(ranks, (ranks.connect)()))
@@ -67,7 +67,7 @@ pub(crate) fn run(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
     }
 }
 
-/// A training before its first step, which ranks that are threads share.
+/// Training before its first step; shared by ranks that are threads.
 struct Prepared {
     args: Train,
     settings: Settings,
@@ -79,24 +79,23 @@ struct Prepared {
     points: Vec<Point>,
     /// Checkpoint to resume from, once for each rank; the last one frees it.
     saved: Mutex<Vec<Arc<folder::Resumed>>>,
-    /// Iteration of that checkpoint, and seconds of the steps before it.
+    /// Iteration of the checkpoint, and seconds of the steps before it.
     resumed: Option<(u32, f64)>,
     _lock: Option<Lock>,
 }
 
 impl Prepared {
-    /// Reads data set and checkpoint, and creates the model folder where this rank is the first.
+    /// Reads data set and checkpoint; the first rank creates the model folder.
     fn new(args: &Train, ranks: &Ranks<'_>, exchange: Option<&mut dyn Exchange>) -> Result<Self, Failure> {
         warn_of_ignored(args);
         let rank_count = ranks.size.max(args.ranks.into());
         if rank_count > 1 && args.watch.view.is_some() {
-            return Err(Failure::Input("a training that several ranks share has no page; omit --view".into()));
+            return Err(Failure::Input("--view does not support several ranks; omit --view".into()));
         }
         let args = with_resolution(args)?;
-        // Refused before the data is read.
+        // Fails before the data is read.
         settings::profile_of(&args, args.iterations, false)?;
-        // A folder that does not exist is created and locked once everything else is known to be
-        // valid.
+        // The folder is created and locked after everything else is validated.
         let is_first = ranks.is_first();
         let lock = if is_first && args.model_path.is_dir() { Some(folder::lock(&args)?) } else { None };
         refuse_data_set(&args)?;
@@ -104,7 +103,7 @@ impl Prepared {
             folder::refuse_other_training(&args)?;
         }
         let mut data = load(&args, ranks.local, exchange)?;
-        let of_objects = data.holds_objects();
+        let is_object = data.holds_objects();
         let profile = profile_of(&args, &data)?;
         let background = background_of(&args, &data);
         let (iterations, seed) = (args.iterations, args.seed);
@@ -112,7 +111,7 @@ impl Prepared {
         let info = info_of(&args, &settings, &data)?;
         let facts = data.describe(&settings, config::text_of(&args)?);
         let saved = if args.resuming.resume {
-            Some(folder::read_checkpoint(&args, source_of(&args)?, &settings, of_objects, &facts)?)
+            Some(folder::read_checkpoint(&args, source_of(&args)?, &settings, is_object, &facts)?)
         } else {
             None
         };
@@ -122,7 +121,7 @@ impl Prepared {
         };
         if saved.is_none() && !points.is_empty() && !data.shows_any_of(&points) {
             tracing::warn!(
-                "no initial point is in any picture, so nothing can be trained; check the focal lengths and principal \
+                "no camera sees an initial point, so nothing can be trained; check the focal lengths and principal \
                  points of the cameras"
             );
         }
@@ -155,7 +154,7 @@ impl Prepared {
         drop(saved);
         if let Some(exchange) = exchange {
             training.join(exchange, &facts.pictures)?;
-            tracing::info!("{} ranks share the training", ranks.size);
+            tracing::info!("training on {} ranks", ranks.size);
         }
         let cameras = data.evaluation_cameras();
         let watching = match args.watch.view {
@@ -164,7 +163,7 @@ impl Prepared {
         };
         interrupt::watch()?;
 
-        // Others wait while the first one saves and measures.
+        // The other ranks wait while the first one saves and measures.
         let pauses = if is_first { [&args.save_iterations[..], &args.test_iterations].concat() } else { Vec::new() };
         let views = result::Views { data, cameras, background: *background };
         let live = watching.as_ref().map(Watching::live);
@@ -193,11 +192,11 @@ impl Prepared {
 
 /// Profile of a training on a data set.
 fn profile_of(args: &Train, data: &Capture) -> Result<Profile, Failure> {
-    let of_objects = data.holds_objects();
-    let mut profile = settings::profile_of(args, args.iterations, of_objects)?;
-    if of_objects && args.profile == ProfileName::Specula {
+    let is_object = data.holds_objects();
+    let mut profile = settings::profile_of(args, args.iterations, is_object)?;
+    if is_object && args.profile == ProfileName::Specula {
         let materials = if profile.physical.is_some() && !args.start.relightable {
-            ", with materials to relight, which --no-materials leaves out"
+            ", with relightable materials (--no-materials omits them)"
         } else {
             ""
         };
@@ -213,7 +212,7 @@ fn profile_of(args: &Train, data: &Capture) -> Result<Profile, Failure> {
     }
 }
 
-/// Profile under a light that is known, or whose mean is.
+/// Profile under a known light, or one with a known mean.
 fn under_known_light(profile: Profile, reference: &LightReference, data: &Capture) -> Result<Profile, Failure> {
     let Some(light) = profile.light else {
         return Err(Failure::Input(format!("--profile {} has no light; omit --light-reference", profile.name)));
@@ -224,18 +223,18 @@ fn under_known_light(profile: Profile, reference: &LightReference, data: &Captur
     let path = match reference {
         LightReference::Map(path) => path,
         LightReference::Mean(mean) => {
-            tracing::info!("the mean radiance of the light is {reference}");
+            tracing::info!("light: mean radiance {reference}");
             return Ok(profile.with_light_mean(*mean));
         }
     };
     let up = data.orientation.as_ref().map_or(Vec3::Z, orientation::up);
     let map = scene::read_env(path, 0.0)?;
     let radiance = latlong::to_cube(&map, light.resolution, MapUp::Scene.orientation(up));
-    tracing::info!("the light is that of {path:?} and stays as it is");
+    tracing::info!("light: {path:?}, not trained");
     Ok(profile.under(radiance))
 }
 
-/// Notes what a rank of several sent and how long it waited.
+/// Notes the bytes that a rank sent and the time that it waited.
 fn note_traffic(ranks: &Ranks<'_>, training: &Training, outcome: Outcome) {
     let Some(Traffic { sent, seconds }) = training.traffic() else { return };
     let megabytes = sent as f64 / 1e6;
@@ -249,17 +248,18 @@ fn note_traffic(ranks: &Ranks<'_>, training: &Training, outcome: Outcome) {
 
 /// Data set folder.
 fn source_of(args: &Train) -> Result<&Path, Failure> {
-    let none = || Failure::Input("no data set is named, nor in the file of settings; add its folder".into());
+    let none =
+        || Failure::Input("neither the command line nor the settings file names a data set; add its folder".into());
     args.source().ok_or_else(none)
 }
 
-/// Refuses to write a model into the data set folder.
+/// Refuses to write a model to the data set folder.
 fn refuse_data_set(args: &Train) -> Result<(), Failure> {
     let folder = &args.model_path;
     let is_same =
         |source: &Path| source.canonicalize().is_ok_and(|source| folder.canonicalize().is_ok_and(|own| own == source));
     if args.source().is_some_and(is_same) {
-        return Err(Failure::Input(format!("{folder:?} is the data set itself; name another folder with -m")));
+        return Err(Failure::Input(format!("{folder:?} is the data set itself; use another folder with -m")));
     }
     Ok(())
 }
@@ -268,15 +268,15 @@ fn refuse_data_set(args: &Train) -> Result<(), Failure> {
 fn warn_of_ignored(args: &Train) {
     if args.brdf_dim.is_some() {
         tracing::warn!(
-            "--brdf_dim is ignored: a profile has its own harmonics for the residual colour; --sh-degree N sets them"
+            "--brdf_dim is ignored: the profile sets the harmonics of the residual colour; use --sh-degree N"
         );
     }
     if args.start.sh_degree.is_some_and(|degree| degree < 0) {
-        tracing::warn!("--sh_degree -1 is ignored: a profile has its own harmonics; --sh-degree 0 to 3 sets them");
+        tracing::warn!("--sh_degree -1 is ignored: the profile sets the harmonics; use --sh-degree 0 to 3");
     }
     if args.start.random_points.is_some() && args.start.background_points > 0 {
         tracing::warn!(
-            "--background-points is ignored: it adds to the points of a data set, and --random-points are all"
+            "--background-points is ignored: it adds to the points of a data set, which --random-points replaces"
         );
     }
 }
@@ -339,22 +339,22 @@ fn load(args: &Train, local: usize, exchange: Option<&mut dyn Exchange>) -> Resu
     }
     if args.eval && data.test.is_empty() {
         return Err(Failure::Input(format!(
-            "no test views in {source:?}, so there is nothing to measure; add transforms_test.json with its pictures, \
+            "{source:?} has no test views to measure; add transforms_test.json with its pictures, \
              hold out photographs of COLMAP and transforms.json with --test-every, or omit --eval"
         )));
     }
     if data.train.is_empty() {
         let count = data.test.len();
         return Err(Failure::Input(format!(
-            "all pictures of {source:?} are held out ({count}), so there is nothing to train on; omit --eval, or set \
+            "all pictures of {source:?} are held out ({count}), so none are left to train on; omit --eval, or set \
              --test-every 0"
         )));
     }
     Ok(data)
 }
 
-/// Bytes of decoded pictures that a rank holds at most, of so many on its machine: those of the
-/// option, or else half of the free memory, for all of them together.
+/// Maximum bytes of decoded pictures per rank, given the number of ranks on the machine: the
+/// option, else half of the free memory, divided among these ranks.
 fn picture_memory(args: &Train, neighbours: usize) -> u64 {
     const GIBIBYTE: f64 = (1 << 30) as f64;
     match args.picture_memory {
@@ -385,7 +385,7 @@ fn prepare_folder(
     if let Some(folder::Resumed { state, .. }) = saved {
         let (taken, all) = (state.iteration, args.iterations);
         match taken == all {
-            true => tracing::info!("all {all} iterations are done already; to train longer, set more --iterations"),
+            true => tracing::info!("all {all} iterations are done already; increase --iterations to train longer"),
             false => tracing::info!("continuing from iteration {taken} of {all}"),
         }
         return Ok(());
@@ -398,11 +398,11 @@ fn points_of(args: &Train) -> InitialPoints {
     InitialPoints { random: args.start.random_points, background: args.start.background_points }
 }
 
-/// Points to start from, no more than the profile lets a scene have.
+/// Initial points, at most the profile's maximum number of Gaussians.
 fn thinned_points(points: Vec<Point>, profile: &Profile) -> Vec<Point> {
     let (found, most) = (points.len(), profile.densification.count_max.max(1));
     if found > most {
-        tracing::warn!("{most} of {found} starting points are used: --max-gaussians allows no more");
+        tracing::warn!("only {most} of {found} initial points are used, the limit of --max-gaussians");
     }
     thinned(points, most)
 }

@@ -39,16 +39,16 @@ pub(crate) fn run(args: &View) -> Result<(), Failure> {
     add_lights(&viewer, args, lights)?;
     interrupt::watch()?;
     print_urls(&viewer)?;
-    tracing::info!("open it in a browser; Ctrl-C ends it");
+    tracing::info!("open it in a browser; Ctrl-C stops the server");
     Ok(viewer.serve(interrupt::is_requested)?)
 }
 
-/// Adds environment maps, and lets the page start under the lights that are named.
+/// Adds environment maps, and sets the page's first lights.
 fn add_lights(viewer: &Viewer, args: &View, lights: NamedLights) -> Result<(), Failure> {
     let mut first = None;
-    let of_file = lights.env.as_ref().map(|file| (file, lights.up(args.env_up.into())));
-    // As with relight, --env takes the place of a file's map, which can be chosen on the page.
-    for (file, up) in args.env.iter().map(|file| (file, args.env_up.into())).chain(of_file) {
+    let named = lights.env.as_ref().map(|file| (file, lights.up(args.env_up.into())));
+    // As with relight, --env replaces the file's map, which can still be selected on the page.
+    for (file, up) in args.env.iter().map(|file| (file, args.env_up.into())).chain(named) {
         let AddedLight { id, warnings } = viewer.add_light(light_input(file)?, up)?;
         warnings.iter().for_each(|warning| tracing::info!("{warning}"));
         first.get_or_insert(id);
@@ -65,7 +65,7 @@ impl From<ViewerError> for Failure {
     fn from(error: ViewerError) -> Self {
         match error {
             ViewerError::Scene(error) => error.into(),
-            ViewerError::Random(_) => Self::Input(format!("{error}; choose one with --token")),
+            ViewerError::Random(_) => Self::Input(format!("{error}; set one with --token")),
             ViewerError::Listen { .. } | ViewerError::Clock | ViewerError::Request(_) => Self::Input(error.to_string()),
             other => Self::Internal(other.to_string()),
         }
@@ -103,7 +103,7 @@ impl Watching {
         }
         let (scene, iteration) = result()?;
         self.live.finish(scene, iteration);
-        tracing::info!("the training is finished, and the page stays; Ctrl-C ends it");
+        tracing::info!("the training is finished; the page stays until Ctrl-C");
         self.viewer.join();
         Ok(())
     }

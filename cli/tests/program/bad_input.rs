@@ -51,7 +51,7 @@ fn a_folder_without_cameras() {
 fn missing_images() {
     let tiny = Tiny::new();
     fs::remove_dir_all(tiny.file("train")).unwrap();
-    training_is_refused(&tiny, &["none of the images", "train/r_0\"; name the folder", "--images"]);
+    training_is_refused(&tiny, &["none of the images", "train/r_0\"; give their folder", "--images"]);
 }
 
 #[test]
@@ -69,7 +69,7 @@ fn a_light_or_a_picture_in_place_of_a_scene() {
     for path in [light, tiny.file("train/r_2.png")] {
         let mut command = specula();
         command.arg("info").arg(&path);
-        refuses(command, &["no scene", "--env"]);
+        refuses(command, &["not a scene", "--env"]);
     }
 }
 
@@ -121,7 +121,7 @@ fn measuring_by_pictures_that_were_never_rendered() {
     fs::remove_dir_all(tiny.file("test")).unwrap();
     let output = train(&tiny, "model").arg("--eval").assert().code(2).get_output().clone();
     let said = String::from_utf8(output.stderr).unwrap();
-    for words in ["there are no test views of", "test/r_0", "so there is nothing to measure"] {
+    for words in ["there are no test views of", "test/r_0", "has no test views to measure"] {
         assert!(said.contains(words), "{words:?} is not in: {said}");
     }
 }
@@ -223,7 +223,7 @@ fn a_data_set_in_place_of_a_model_and_a_video_in_place_of_a_folder() {
         without_ffmpeg.env("PATH", "");
         refuses(without_ffmpeg, &["ffmpeg, which is not installed", "rgb/%05d.png", name]);
         refuses(video(&["--layers", "rgb,depth"]), &["one layer", name]);
-        refuses(video(&["--exr"]), &["no numbers", name]);
+        refuses(video(&["--exr"]), &["cannot store numbers", name]);
         assert!(!tiny.path(name).exists());
     }
 }
@@ -239,7 +239,7 @@ fn a_part_of_a_data_set() {
     }
     let mut command = specula();
     command.arg("train").arg(tiny.path(".")).arg("-m").arg(tiny.path("model"));
-    refuses(command, &["no data set", "did you mean", "data"]);
+    refuses(command, &["is not a data set", "did you mean", "data"]);
     let model = tiny.path("models/one");
     fs::create_dir_all(&model).unwrap();
     fs::write(model.join("specula.json"), "{}").unwrap();
@@ -504,6 +504,6 @@ fn networks_that_ask_for_more_memory_than_there_is() {
         fs::write(&file, network_of(&[field(0x0a, &constant), field(0x0a, &fill)])).unwrap();
         let mut command = specula();
         command.arg("eval").arg(&model).arg("--lpips").arg(&file).arg("--quiet");
-        refuses(command, &["network.onnx", "holds no network for LPIPS"]);
+        refuses(command, &["network.onnx", "is not a usable LPIPS network"]);
     }
 }

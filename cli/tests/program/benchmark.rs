@@ -35,8 +35,8 @@ impl Suite {
         copy(&suite.0.data(), &car);
         for split in ["train", "test"] {
             let pictures = fs::read_dir(ball.join(split)).unwrap().map(|entry| entry.unwrap().path());
-            let of_views: Vec<PathBuf> = pictures.filter(|path| !path.to_string_lossy().contains("_normal")).collect();
-            of_views.iter().for_each(|picture| separate_coverage(picture));
+            let views: Vec<PathBuf> = pictures.filter(|path| !path.to_string_lossy().contains("_normal")).collect();
+            views.iter().for_each(|picture| separate_coverage(picture));
         }
         suite
     }
@@ -151,8 +151,8 @@ fn one_command_trains_and_measures_a_suite_and_continues_where_it_was_interrupte
     for measure in ["PSNR", "SSIM", "MAE", "MAE_weighted"] {
         let [ball, car] = ["ball", "car"].map(|scene| suite.recorded(scene, measure));
         assert_ne!(ball[0], ball[1], "{measure}: seeds differ");
-        let of_suite = [0, 1].map(|seed| (ball[seed] + car[seed]) / 2.0);
-        for (scene, [one, other]) in [("ball", ball), ("car", car), ("all scenes", of_suite)] {
+        let suite_means = [0, 1].map(|seed| (ball[seed] + car[seed]) / 2.0);
+        for (scene, [one, other]) in [("ball", ball), ("car", car), ("all scenes", suite_means)] {
             let row = suite.row(scene);
             assert!((row(measure) - (one + other) / 2.0).abs() < ROUNDING, "{scene}: {measure}");
             let deviation = (one - other).abs() / 2.0_f64.sqrt();

@@ -92,14 +92,14 @@ fn what_is_no_file_is_not_waited_for() {
         let had = fs::rename(&path, &aside).is_ok();
         symlink("/dev/zero", &path).unwrap();
         let sentence = refusal(on(&model, words));
-        assert!(sentence.contains(name) && sentence.contains("no regular file"), "{words}: {sentence}");
+        assert!(sentence.contains(name) && sentence.contains("not a regular file"), "{words}: {sentence}");
         fs::remove_file(&path).unwrap();
         if had {
             fs::rename(&aside, &path).unwrap();
         }
     }
     let sentence = refusal(on(&model, "relight --lights /dev/zero"));
-    assert!(sentence.contains("/dev/zero") && sentence.contains("no regular file"), "{sentence}");
+    assert!(sentence.contains("/dev/zero") && sentence.contains("not a regular file"), "{sentence}");
 }
 
 #[test]
@@ -183,11 +183,11 @@ fn paths_that_lead_through_what_is_not_there_are_refused() {
     let cloud = "point_cloud/iteration_30/point_cloud.ply";
     let name = |path: &str| tiny.path(path).display().to_string();
     let told = refusal(on(&model, &format!("export --no-error -o {}", name(&format!("gone/../model/{cloud}")))));
-    assert!(told.contains("gone") && told.contains("is not there"), "{told}");
+    assert!(told.contains("gone") && told.contains("does not exist"), "{told}");
     let again = format!("train --profile 3dgs --iterations 5 -s {} -m {}", name("data"), name("gone/../model"));
     let mut command = specula();
     command.arg("--quiet").args(again.split(' '));
-    assert!(refusal(command).contains("is not there"));
+    assert!(refusal(command).contains("does not exist"));
     assert!(contents(&model) == before && !tiny.path("gone").exists());
 }
 

@@ -103,7 +103,7 @@ fn masks_that_hide_everything_are_refused() {
     fs::write(&path, transforms.to_string()).unwrap();
     let refused = train(&tiny, "model").args(["--eval", "--quiet"]).assert().code(2).get_output().clone();
     let said = String::from_utf8(refused.stderr).unwrap();
-    assert!(said.contains("no pixel of any training picture counts"), "{said}");
+    assert!(said.contains("all pixels of the training pictures are masked"), "{said}");
     assert!(!tiny.path("model/point_cloud").exists());
 }
 
@@ -112,13 +112,13 @@ fn views_without_a_known_pixel_have_no_measures() {
     let tiny = Tiny::new();
     let model = trained(&tiny);
     eval(&model, &[]);
-    let of_views = || json(&model.join("per_view.json"))["ours_30"]["PSNR"].as_object().unwrap().clone();
-    let before: Vec<Option<f64>> = of_views().values().map(Value::as_f64).collect();
+    let psnr_of_views = || json(&model.join("per_view.json"))["ours_30"]["PSNR"].as_object().unwrap().clone();
+    let before: Vec<Option<f64>> = psnr_of_views().values().map(Value::as_f64).collect();
     assert_eq!(before.iter().flatten().count(), 3, "every view has a measure");
 
     let masked = write_masked(&tiny);
     eval(&model, &["-s", masked.to_str().unwrap()]);
-    let after: Vec<Option<f64>> = of_views().values().map(Value::as_f64).collect();
+    let after: Vec<Option<f64>> = psnr_of_views().values().map(Value::as_f64).collect();
     assert_eq!(after.iter().flatten().count(), 2, "one view has none: {after:?}");
     let mean = after.iter().flatten().sum::<f64>() / 2.0;
     let told = json(&model.join("results.json"))["ours_30"]["PSNR"].as_f64().unwrap();

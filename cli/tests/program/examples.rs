@@ -76,9 +76,9 @@ fn examples() -> Vec<String> {
     for (name, _) in commands() {
         let help = help(&[&name]);
         let lines = help.lines().skip_while(|line| !line.starts_with("Example")).skip(1);
-        let of_command: Vec<String> = lines.map_while(|line| line.strip_prefix("  ")).map(str::to_owned).collect();
-        assert!(!of_command.is_empty(), "specula {name} --help has no example");
-        found.extend(of_command);
+        let examples: Vec<String> = lines.map_while(|line| line.strip_prefix("  ")).map(str::to_owned).collect();
+        assert!(!examples.is_empty(), "specula {name} --help has no example");
+        found.extend(examples);
     }
     found
 }

@@ -779,18 +779,18 @@ fn a_glb_is_rendered_and_relit_like_a_model() {
         program.arg(ball.model().join("cameras.json")).arg("-o").arg(ball.tiny.path(out)).assert().success();
         image::open(ball.tiny.path(out).join("rgb/00000.png")).unwrap().to_rgb8()
     };
-    let of_model = picture("render", &ball.model(), &["--layers", "rgb"], "model");
-    let of_file = picture("render", &glb, &["--layers", "rgb"], "file");
-    assert!(psnr(&of_model, &of_file) > SAME, "{} dB", psnr(&of_model, &of_file));
+    let model_picture = picture("render", &ball.model(), &["--layers", "rgb"], "model");
+    let file_picture = picture("render", &glb, &["--layers", "rgb"], "file");
+    assert!(psnr(&model_picture, &file_picture) > SAME, "{} dB", psnr(&model_picture, &file_picture));
     let sunny = picture("relight", &glb, &["--env", "none", "--sun", "0,60,3"], "sun");
-    let apart = psnr(&of_file, &sunny);
+    let apart = psnr(&file_picture, &sunny);
     assert!(apart < SAME, "a sun is another light: {apart} dB");
 
     let sky = two_colours(&ball);
     let (relit, _) = ball.export("relit.glb", &["--no-error", "--env", sky.to_str().unwrap()]);
-    let of_model = picture("relight", &ball.model(), &["--env", sky.to_str().unwrap()], "relit model");
-    let of_file = picture("render", &relit, &["--layers", "rgb"], "relit file");
-    assert!(psnr(&of_model, &of_file) > SAME, "relit: {} dB", psnr(&of_model, &of_file));
+    let model_picture = picture("relight", &ball.model(), &["--env", sky.to_str().unwrap()], "relit model");
+    let file_picture = picture("render", &relit, &["--layers", "rgb"], "relit file");
+    assert!(psnr(&model_picture, &file_picture) > SAME, "relit: {} dB", psnr(&model_picture, &file_picture));
 
     let refused = specula().arg("render").arg(&glb).args(["--profile", "paper"]).output().unwrap();
     let said = String::from_utf8(refused.stderr).unwrap();

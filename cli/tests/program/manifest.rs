@@ -51,7 +51,7 @@ fn trainings_of_a_manifest_are_those_of_their_own_commands() {
     let [_, notes] = said(&mut manifest(&tiny, &[]), 0);
     assert_eq!(notes.matches("finished before").count(), 2, "{notes}");
     let [_, notes] = said(&mut manifest(&tiny, &["--lambda-normal", "0.5", "--task", "1"]), 2);
-    assert!(notes.contains("holds a training with") && notes.contains("--overwrite"), "{notes}");
+    assert!(notes.contains("contains a training with") && notes.contains("--overwrite"), "{notes}");
     assert!(model(&tiny.path("out/a")) == before, "a training with other settings takes no one's place");
     said(&mut manifest(&tiny, &["--lambda-normal", "0.5", "--task", "1", "--overwrite"]), 0);
     assert!(model(&tiny.path("out/a")) != before, "it does where it is told to");

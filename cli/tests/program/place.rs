@@ -92,7 +92,7 @@ fn options_that_would_change_nothing_are_refused() {
         (&["render", "--exposure", "2"][..], "--env"),
         (&["export", "-o", "x.ply", "--exposure", "2"], "--env"),
         (&["relight", "--sun", "30,45", "--exposure", "2"], "--env"),
-        (&["render", "--max-error", "5"], "1, which is white"),
+        (&["render", "--max-error", "5"], "1 (white)"),
         (&["render", "--max-error", "0.1", "--layers", "normal"], "add rgb"),
     ] {
         let sentence = refusal(words, &model);

@@ -36,7 +36,7 @@ fn model_beside_a_wall(tiny: &Tiny) -> PathBuf {
     training.args(["--eval", "--executor", "cpu", "--reflections", "near"]);
     let said = String::from_utf8(training.assert().success().get_output().stderr.clone()).unwrap();
     let folder = tiny.path("model");
-    let is_far = said.contains("meet nothing of the scene");
+    let is_far = said.contains("no reflected ray hits the scene");
     assert_eq!(near_field_at(&folder, 30).is_file(), !is_far, "a model says what it does without: {said}");
     let model = model_folder::open(&folder).unwrap();
     let (info, wall) = (model.info.unwrap(), wall());

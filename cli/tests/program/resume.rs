@@ -240,7 +240,7 @@ fn only_the_same_training_continues() {
     let kept = fs::read(&picture).unwrap();
     fs::copy(tiny.file("train/r_4.png"), &picture).unwrap();
     let sentence = refusal(&mut resumed(&tiny, "model"));
-    assert!(sentence.contains("11 pictures") && sentence.contains("not the same"), "{sentence}");
+    assert!(sentence.contains("11 pictures") && sentence.contains("differ from them"), "{sentence}");
     fs::write(&picture, kept).unwrap();
 
     fs::write(checkpoint::path_in(&tiny.path("model")), &before[..before.len() / 2]).unwrap();

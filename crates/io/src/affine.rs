@@ -1,6 +1,6 @@
-//! Gaussians under an affine map: x ↦ A x + b takes a mean μ to A μ + b and a covariance Σ to
-//! A Σ Aᵀ. Harmonics turn, or are mirrored, by the orthogonal part of A, without loss where A is of
-//! a rotation, a reflection and one scale.
+//! Gaussians under an affine map: x ↦ A x + b takes a mean μ to A μ + b and a covariance Σ to A Σ
+//! Aᵀ. Harmonics are rotated or mirrored by the orthogonal part of A, without loss if A is a
+//! product of a rotation, a reflection and a uniform scale.
 
 use crate::splat::unit;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
@@ -14,10 +14,10 @@ use specula_core::{
 /// Smallest scale whose logarithm is taken, in world units.
 pub(crate) const SCALE_MIN: f64 = 1e-12;
 
-/// Difference from an orthogonal matrix and one scale, relative, up to which a map is of them.
+/// Relative difference from a uniformly scaled orthogonal matrix up to which a map counts as one.
 pub(crate) const UNIFORM: f64 = 1e-3;
 
-/// Maps plain Gaussians, in place. Returns whether harmonics go with the map without loss.
+/// Maps plain Gaussians in place. Returns true if harmonics are mapped without loss.
 pub(crate) fn map(gaussians: &mut Gaussians<Vec<f32>>, map: DAffine3) -> bool {
     let orthogonal = orthogonal_part(map.matrix3);
     let turn = sh_turn::turn(orthogonal.transpose().to_cols_array_2d());

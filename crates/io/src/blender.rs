@@ -26,7 +26,7 @@ const TEST: &str = "transforms_test.json";
 pub(crate) fn list(files: &Files, options: &LoadOptions) -> Result<Listing> {
     let train = Transforms::read(&files.root.join(TRAIN))?;
     if train.rest.ply_file_path.is_some() && !files.root.join(TEST).is_file() {
-        // A list of nerfstudio by another name.
+        // The list may be nerfstudio's under another name.
         return nerfstudio::list_of(train, files, options);
     }
     let mut notes = train.notes();
@@ -76,7 +76,7 @@ fn placed<'a>(list: &'a Transforms, files: &Files, options: &LoadOptions, notes:
     list.frames.iter().zip(list.places(files, options, notes)).collect()
 }
 
-/// Frames without those that have got the image of a training view, which has another name.
+/// Frames without those whose image was resolved to that of a training view.
 fn apart<'a>(held_out: Placed<'a>, trained: &Placed<'_>, notes: &mut Vec<String>) -> Placed<'a> {
     let trained: HashMap<&Path, &str> =
         trained.iter().map(|(frame, place)| (place.as_path(), frame.file_path.as_str())).collect();
@@ -86,7 +86,11 @@ fn apart<'a>(held_out: Placed<'a>, trained: &Placed<'_>, notes: &mut Vec<String>
     let (apart, others): (Placed<'_>, Placed<'_>) = held_out.into_iter().partition(is_apart);
     if !others.is_empty() {
         let names: Vec<&str> = others.iter().map(|(frame, _)| frame.file_path.as_str()).collect();
-        notes.push(format!("skipped {} test views without an image of their own: {}", names.len(), some_of(&names)));
+        notes.push(format!(
+            "skipped {} test views that share an image with a training view: {}",
+            names.len(),
+            some_of(&names)
+        ));
     }
     apart
 }
@@ -99,7 +103,7 @@ fn find(
     options: &LoadOptions,
     notes: &mut Vec<String>,
 ) -> Result<Vec<(PathBuf, Shot)>> {
-    // Sizes in these lists may belong to larger images of another shape.
+    // Sizes in these lists may be those of larger images with another aspect ratio.
     let posed: Result<Vec<_>> = frames.iter().map(|(frame, image)| list.posed(frame, image.clone(), None)).collect();
     found(posed?, folders, options, notes)
 }

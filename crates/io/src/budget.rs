@@ -1,7 +1,7 @@
-//! Memory budgets of files, checked before memory is allocated, and bounds of what they hold.
+//! Memory budgets of files, checked before memory is allocated, and limits of their contents.
 //!
-//! Budgets count the bytes that a reader holds at once, after conversion: a pixel that is stored in
-//! one byte and kept in four counts as five. No reader takes more than a gigabyte for a file of ten
+//! Budgets count the bytes that a reader holds at the same time: a pixel that is stored in one byte
+//! and converted to four counts as five. No reader takes more than a gigabyte for a file of ten
 //! megabytes, whatever its header says.
 
 use crate::{
@@ -11,34 +11,34 @@ use crate::{
 use core::fmt::Display;
 use std::{io::Read, path::Path};
 
-/// Largest edge of a camera's picture in pixels; COLMAP's files are held to it as well.
+/// Largest edge of a camera's picture in pixels, also for COLMAP's files.
 pub const EDGE_MAX: u32 = 1 << 16;
-/// Largest radiance of a light that is named: its squares are finite, and the sun's is far below.
+/// Largest radiance of a light file: its square is finite, and the sun's radiance is far below.
 pub const RADIANCE_MAX: f32 = 1e18;
 /// Largest rendered picture in pixels: 16 384 by 8192, 12.5 GiB of `f32` with all layers.
 pub const PIXELS_MAX: u64 = 1 << 27;
 
 /// Gaussians, points and records of a scene: 36 million Gaussians with harmonics of degree 3 fit.
 pub(crate) const SCENE: Budget =
-    Budget { kind: "a scene", any: 8 << 30, for_each: 0, remedy: "leave out what is not needed of it, or divide it" };
-/// One picture with all conversions: 80 megapixels of a photograph, and more for a file that is
-/// large itself. A photograph has a byte for every ten that it takes, so that only pictures of
-/// nearly one colour meet this bound.
+    Budget { kind: "a scene", any: 8 << 30, for_each: 0, remedy: "remove what is not needed, or split it" };
+/// One picture with all conversions: 80 megapixels of a photograph, and more for a large file. A
+/// photograph takes ten bytes of memory per byte of its file, so only pictures of nearly one colour
+/// reach this limit.
 pub(crate) const PICTURE: Budget =
     Budget { kind: "a picture from a file of that size", any: 896 << 20, for_each: 90, remedy: "save it smaller" };
 /// Text of a list of cameras: a hundred thousand frames of nerfstudio. Parsed JSON takes up to
-/// fifty times its text.
+/// fifty times the memory of its text.
 pub const LIST: Budget =
-    Budget { kind: "the text of a list", any: 64 << 20, for_each: 0, remedy: "leave frames out of it" };
-/// Text of a model's description; parsed, it takes up to two hundred times as much.
+    Budget { kind: "the text of a list", any: 64 << 20, for_each: 0, remedy: "remove some frames" };
+/// Text of a model's description; parsed, it takes up to two hundred times the memory.
 pub const FACTS: Budget =
-    Budget { kind: "the text of such a file", any: 4 << 20, for_each: 0, remedy: "remove what no tool has written" };
+    Budget { kind: "the text of such a file", any: 4 << 20, for_each: 0, remedy: "remove entries that no tool wrote" };
 
 /// Weights of a network: VGG's are 60 MiB.
-pub const NETWORK: Budget = Budget { kind: "a network", any: 1 << 30, for_each: 0, remedy: "name a smaller one" };
+pub const NETWORK: Budget = Budget { kind: "a network", any: 1 << 30, for_each: 0, remedy: "use a smaller one" };
 
-/// Most scans of a JPEG. Each scan covers the whole picture, however few bytes it has; progressive
-/// files have a dozen.
+/// Maximum number of scans of a JPEG. Each scan covers the whole picture, even with few bytes;
+/// progressive files have a dozen.
 pub(crate) const JPEG_SCANS_MAX: usize = 100;
 /// Bytes of a picture's metadata, such as a colour profile.
 pub(crate) const PICTURE_NOTES_MAX: u64 = 64 << 20;
@@ -58,7 +58,7 @@ pub struct Budget {
     kind: &'static str,
     /// Bytes for a file of any length.
     any: u64,
-    /// Bytes for each byte of the file, where that is more.
+    /// Bytes for each byte of the file, if that is more.
     for_each: u64,
     /// Remedy in error messages.
     remedy: &'static str,
@@ -70,12 +70,12 @@ impl Budget {
         self.any.max(len.saturating_mul(self.for_each))
     }
 
-    /// Refuses a file of length `len` whose part `what` would take more than the budget, or more
-    /// than the system grants.
+    /// Rejects a file of length `len` if its part `what` needs more than the budget, or more than
+    /// the system grants.
     ///
     /// # Errors
     ///
-    /// [`Error::TooLarge`] where `wanted` is beyond the budget, [`Error::OutOfMemory`].
+    /// [`Error::TooLarge`] if `wanted` exceeds the budget, [`Error::OutOfMemory`].
     pub(crate) fn ask(&self, path: &Path, len: u64, what: impl Display, wanted: u64) -> Result<()> {
         let most = self.of(len);
         if wanted <= most && is_granted(wanted) {
@@ -88,7 +88,7 @@ impl Budget {
         })
     }
 
-    /// Reads a whole file, but never more bytes than the budget.
+    /// Reads a whole file within the budget.
     ///
     /// # Errors
     ///
@@ -105,8 +105,8 @@ impl Budget {
     }
 }
 
-/// Whether memory can be had, which is given back at once. Readers that find none would end the
-/// program.
+/// True if memory can be allocated; it is freed at once. A failing allocation in a reader would end
+/// the program.
 fn is_granted(bytes: u64) -> bool {
     const LITTLE: u64 = 16 << 20;
     bytes < LITTLE || usize::try_from(bytes).is_ok_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok())
@@ -128,13 +128,13 @@ pub fn radiance(path: &Path, values: &[f32]) -> Result<()> {
 ///
 /// # Errors
 ///
-/// A description of the size, where it is out of bounds.
+/// A description of the size if it is out of range.
 pub fn view_size([width, height]: [u64; 2]) -> core::result::Result<[u32; 2], String> {
     let edge = |len: u64| u32::try_from(len).ok().filter(|len| (1..=EDGE_MAX).contains(len));
     let fits = edge(width).zip(edge(height)).filter(|_| width * height <= PIXELS_MAX);
     fits.map(<[u32; 2]>::from).ok_or_else(|| {
         format!(
-            "{width} by {height} pixels; pictures have from 1 to {EDGE_MAX} along an edge, and {} million at most",
+            "{width} by {height} pixels; pictures have 1 to {EDGE_MAX} along an edge, and at most {} million",
             PIXELS_MAX / 1_000_000
         )
     })
@@ -145,17 +145,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_is_granted_what_its_kind_may_take_or_its_own_length_pays_for() {
+    fn the_budget_of_a_file_follows_from_its_kind_and_its_length() {
         assert_eq!([0, 9 << 20, 1 << 30].map(|len| PICTURE.of(len)), [896 << 20, 896 << 20, 90 << 30]);
         let refusal = SCENE.ask(Path::new("a.ply"), 60 << 30, "its 300000000 vertices", 60 << 30).unwrap_err();
         let sentence = refusal.to_string();
-        for word in ["a.ply", "300000000 vertices", "61440 MiB", "8192 MiB", "divide it"] {
+        for word in ["a.ply", "300000000 vertices", "61440 MiB", "8192 MiB", "split it"] {
             assert!(sentence.contains(word), "{word:?} is not in: {sentence}");
         }
     }
 
     #[test]
-    fn memory_that_the_system_does_not_grant_is_told() {
+    fn memory_that_the_system_does_not_grant_is_an_error() {
         let any = Budget { any: u64::MAX, ..SCENE };
         let refusal = any.ask(Path::new("a.ply"), 0, "its 7 vertices", 1 << 60).unwrap_err();
         assert!(
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_light_is_no_brighter_than_its_squares_are_finite() {
+    fn the_square_of_the_largest_radiance_is_finite() {
         let path = Path::new("a.hdr");
         assert!(radiance(path, &[0.0, RADIANCE_MAX]).is_ok());
         for found in [1.1 * RADIANCE_MAX, f32::INFINITY, f32::NAN] {
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn files_are_read_within_the_budget_and_what_is_no_file_is_not_read() {
+    fn only_regular_files_within_the_budget_are_read() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.json");
         std::fs::File::create(&path).unwrap().set_len(5 << 20).unwrap();

@@ -72,11 +72,11 @@ pub fn load_transforms(path: &Path, default_size: [u32; 2], origin: [f64; 3]) ->
 }
 
 fn size_of(transforms: &Transforms, frame: &Frame) -> Result<Option<[u32; 2]>> {
-    let of_image = || {
+    let image_size = || {
         let image = transforms.image_of(frame)?;
         image::image_dimensions(image).ok().map(|(width, height)| [width, height])
     };
-    Ok(transforms.stated_size(frame)?.or_else(of_image))
+    Ok(transforms.stated_size(frame)?.or_else(image_size))
 }
 
 /// Reads `cameras.json`. Positions are relative to the origin that the file names.
@@ -101,7 +101,7 @@ fn read_relative(path: &Path, origin: Option<[f64; 3]>) -> Result<Vec<NamedCamer
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where the file cannot be written.
+/// [`Error::Write`] if the file cannot be written.
 pub fn write(path: &Path, cameras: &[NamedCamera], origin: [f64; 3]) -> Result<()> {
     let entries: Vec<Entry> = cameras.iter().enumerate().map(|(id, camera)| Entry::new(id, camera, origin)).collect();
     json::write(path, &entries)
@@ -128,8 +128,8 @@ impl Entry {
 
     fn check(self, path: &Path, origin: Option<[f64; 3]>) -> Result<NamedCamera> {
         let size = view_size([self.width, self.height].map(u64::from));
-        let of_size = size.err().map(|what| format!("has {what}; correct width and height"));
-        if let Some(what) = of_size.or_else(|| self.fault().map(str::to_owned)) {
+        let size_fault = size.err().map(|what| format!("has {what}; correct width and height"));
+        if let Some(what) = size_fault.or_else(|| self.fault().map(str::to_owned)) {
             return Err(Error::Frame { path: path.to_owned(), frame: self.img_name, what });
         }
         let camera_from_world = self.camera_from_world().expect("it has no fault");
@@ -165,7 +165,7 @@ impl Entry {
     }
 }
 
-/// Writes the digits of an `f32` only.
+/// Writes only the digits of an `f32`.
 fn as_f32<S: Serializer>(position: &[f64; 3], serializer: S) -> core::result::Result<S::Ok, S::Error> {
     position.map(|coordinate| coordinate as f32).serialize(serializer)
 }

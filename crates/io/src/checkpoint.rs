@@ -13,14 +13,14 @@
 //! order                                         u32 [views]: remaining views of the current pass
 //! ```
 //!
-//! Numbers are little-endian. Memory is allocated only after the size of the file was checked
+//! Numbers are little-endian. Memory is allocated after the size of the file has been checked
 //! against the header.
 //!
-//! Interruption, crash and device loss are the same to a training: it resumes from its last
-//! checkpoint, or from its initial points. Pictures are decoded again. A checkpoint identifies its
-//! training by the text of `config.toml`, by every value of the resulting settings, and by a
-//! checksum over pictures, names and cameras: the first names a changed option, the second detects
-//! a program with other profiles, the third another data set under the same path.
+//! After interruption, crash or device loss, a training resumes from its last checkpoint, or from
+//! its initial points. Pictures are decoded again. A checkpoint identifies its training by the text
+//! of `config.toml`, by every value of the resulting settings, and by a checksum over pictures,
+//! names and cameras: the first names a changed option, the second detects a program with other
+//! profiles, the third another data set under the same path.
 
 use crate::{
     budget::{CHECKPOINT_HEADER_MAX, SCENE},
@@ -48,7 +48,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Version of the format; it changes when older programs would misread a file.
+/// Version of the format; incremented when older programs would misread a file.
 const FORMAT: u32 = 1;
 /// Key of specula's entry in the metadata.
 const KEY: &str = "specula";
@@ -56,12 +56,12 @@ const KEY: &str = "specula";
 const LENGTH_SIZE: u64 = 8;
 /// Longest training in seconds: a hundred years.
 const SECONDS_MAX: f64 = 3.2e9;
-/// Most gradients that a training may have skipped; the counter counts as many again.
+/// Maximum number of gradients that a training may have skipped; half the range of the counter.
 const NONFINITE_MAX: usize = usize::MAX >> 1;
 /// Words converted to bytes at once.
 const PIECE: usize = 1 << 16;
 
-/// State of a training, and the training that it belongs to.
+/// State of a training, and a description of the training.
 #[derive(Clone, Debug)]
 pub struct Checkpoint {
     /// State between two steps.
@@ -70,20 +70,20 @@ pub struct Checkpoint {
     pub facts: Facts,
 }
 
-/// Description of a training, by which another run recognises it as its own.
+/// Description of a training, by which another run recognises it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Facts {
     /// Version of the program.
     pub program: String,
     /// Steps of the whole training.
     pub iterations: u32,
-    /// Seconds that the steps so far took.
+    /// Seconds of the steps so far.
     pub seconds: f64,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Options as the text of `config.toml`.
     pub config: String,
-    /// Settings that follow from the options, every number of them.
+    /// All settings that follow from the options.
     pub settings: String,
     /// Number of training pictures.
     pub views: usize,
@@ -114,7 +114,7 @@ impl FactsHeader {
         Self { program, iteration, iterations, seconds, psnr, nonfinite, seed, config, settings, views, pictures }
     }
 
-    /// Describes the first number that no training can have.
+    /// Describes the first number that is out of range.
     fn fault(&self) -> Option<String> {
         let Self { iteration, iterations, seconds, psnr, nonfinite, .. } = self;
         if iteration > iterations {
@@ -124,7 +124,7 @@ impl FactsHeader {
         } else if !psnr.is_none_or(f64::is_finite) {
             Some("its PSNR is not finite".to_owned())
         } else if *nonfinite > NONFINITE_MAX {
-            Some(format!("it left {nonfinite} gradients out"))
+            Some(format!("it skipped {nonfinite} gradients"))
         } else {
             None
         }
@@ -179,11 +179,11 @@ pub fn path_in(folder: &Path) -> PathBuf {
     folder.join("checkpoint.safetensors")
 }
 
-/// Writes the checkpoint of a model in place of the previous one.
+/// Writes the checkpoint of a model, replacing the previous one.
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where the file cannot be written.
+/// [`Error::Write`] if the file cannot be written.
 pub fn write(folder: &Path, checkpoint: &Checkpoint) -> Result<()> {
     whole_file::write(&path_in(folder), |out| {
         let tensors = tensors_of(checkpoint);
@@ -345,7 +345,7 @@ pub fn read(folder: &Path) -> Result<Checkpoint> {
     })
 }
 
-/// A checkpoint whose header was read.
+/// Checkpoint with its header read.
 struct Reader {
     path: PathBuf,
     file: File,
@@ -394,7 +394,7 @@ impl Reader {
     /// Parses specula's entry in the metadata.
     fn header(&self) -> Result<Header> {
         let ours = self.metadata.metadata().as_ref().and_then(|all| all.get(KEY));
-        let ours = ours.ok_or_else(|| self.refuse("the header", "it is not of specula"))?;
+        let ours = ours.ok_or_else(|| self.refuse("the header", "it was not written by specula"))?;
         let refuse = |error: serde_json::Error| self.refuse("the header", error);
         let AnyHeader { format } = serde_json::from_str(ours).map_err(refuse)?;
         if format != FORMAT {
@@ -423,7 +423,7 @@ impl Reader {
         Ok(AdamMoments { mean: self.numbers(mean, shape)?, square: self.squares(square, shape)? })
     }
 
-    /// Reads means of squares, whose roots a step takes.
+    /// Reads means of squares, which must not be negative.
     fn squares(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
         let squares = self.numbers(name, shape)?;
         match squares.iter().any(|square| *square < 0.0) {
@@ -477,14 +477,14 @@ impl Reader {
 
     fn info(&self, name: &str, dtype: Dtype) -> Result<TensorInfo> {
         let refuse = |cause: &dyn Display| self.refuse(&format!("tensor {name:?}"), cause);
-        let info = self.metadata.info(name).ok_or_else(|| refuse(&"it is not there"))?;
+        let info = self.metadata.info(name).ok_or_else(|| refuse(&"it is missing"))?;
         if info.dtype != dtype {
             return Err(refuse(&format_args!("its numbers are {} rather than {dtype}", info.dtype)));
         }
         Ok(info.clone())
     }
 
-    /// Reads the words of a tensor, whose range was checked against the file.
+    /// Reads the words of a tensor; its range has been checked against the file.
     fn words(&mut self, name: &str, info: &TensorInfo) -> Result<Vec<u32>> {
         let (start, end) = info.data_offsets;
         SCENE.ask(&self.path, 0, format!("its tensor {name:?}"), (end - start) as u64)?;

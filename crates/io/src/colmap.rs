@@ -1,6 +1,6 @@
 //! Reconstructions of COLMAP: `cameras`, `images` and `points3D` in its binary or text format, as
-//! its page on output formats defines them. Poses are camera-from-world, x to the right, y down, z
-//! along the view; pixel centres are at + ½, as everywhere in specula.
+//! its page on output formats defines them. Poses are camera-from-world, x right, y down, z
+//! forwards; pixel centres are at + ½, as everywhere in specula.
 
 mod binary;
 mod record;
@@ -22,7 +22,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Candidate folders of a reconstruction; COLMAP numbers models that it could not join.
+/// Candidate folders of a reconstruction; COLMAP numbers models that it could not merge.
 const PLACES: [&str; 5] = ["sparse", "", "colmap/sparse", "colmap", "distorted/sparse"];
 
 /// A reconstruction on disk.
@@ -48,7 +48,7 @@ impl Model {
         self.folder.join(format!("{name}.{}", if self.is_text { "txt" } else { "bin" }))
     }
 
-    /// Size in bytes, by which the largest of several models is chosen.
+    /// Size in bytes, which selects the largest of several models.
     fn size(&self) -> u64 {
         fs::metadata(self.file("images")).map_or(0, |data| data.len())
     }
@@ -58,7 +58,7 @@ impl Model {
     }
 }
 
-/// Error on a reconstruction that lacks one of its two lists; none where there is none.
+/// Error for a reconstruction without one of its two lists; `None` without a reconstruction.
 pub(crate) fn incomplete(folder: &Path) -> Option<Error> {
     let places = PLACES.iter().map(|place| folder.join(place));
     let places = places.flat_map(|place| [numbered(&place), vec![place]].concat());
@@ -74,12 +74,12 @@ pub(crate) fn incomplete(folder: &Path) -> Option<Error> {
     })
 }
 
-/// Finds the reconstruction of a data set: the largest, where there are several.
+/// Finds the reconstruction of a data set; of several, the largest.
 pub(crate) fn find(folder: &Path) -> Option<Model> {
     PLACES.iter().find_map(|place| in_place(&folder.join(place), place.is_empty()))
 }
 
-/// Returns whether a reconstruction lies at the data set's top level, not in a folder of another
+/// True if the reconstruction is at the top level of the data set, not in a folder of another
 /// program.
 pub(crate) fn is_at(folder: &Path) -> bool {
     PLACES[..2].iter().any(|place| in_place(&folder.join(place), place.is_empty()).is_some())
@@ -105,7 +105,7 @@ fn numbered(place: &Path) -> Vec<PathBuf> {
     folders
 }
 
-/// Lists a data set whose cameras COLMAP found, and reads its points.
+/// Lists a data set with cameras of COLMAP, and reads its points.
 pub(crate) fn list(files: &Files, model: &Model, options: &LoadOptions) -> Result<Listing> {
     let mut cameras = read_cameras(model)?;
     let images = read_images(model)?;
@@ -174,7 +174,7 @@ fn posed(model: &Model, image: Image, place: PathBuf, cameras: &mut BTreeMap<u32
         Err(_) => return Err(cameras.remove(&image.camera).and_then(Result::err).expect("it is one")),
     };
     let pose = image.pose().ok_or_else(|| {
-        refuse("has a pose that is not finite, or no rotation; remove the image, or reconstruct again")
+        refuse("has a pose that is not finite or has no rotation; remove the image, or reconstruct again")
     })?;
     Ok(Posed {
         image: place,
@@ -185,7 +185,7 @@ fn posed(model: &Model, image: Image, place: PathBuf, cameras: &mut BTreeMap<u32
     })
 }
 
-/// Reads cameras. A faulty one is an error where an image has it.
+/// Reads cameras. A faulty camera is an error if an image uses it.
 fn read_cameras(model: &Model) -> Result<BTreeMap<u32, Result<Camera>>> {
     let path = model.file("cameras");
     let cameras = if model.is_text { text::cameras(&path)? } else { binary::cameras(&path)? };
@@ -200,7 +200,7 @@ fn read_cameras(model: &Model) -> Result<BTreeMap<u32, Result<Camera>>> {
         distinct => Err(refuse(
             &path,
             "the list",
-            format!("names {count} cameras with {distinct} identifiers; leave each in once"),
+            format!("lists {count} cameras with {distinct} identifiers; remove duplicates"),
         )),
     }
 }

@@ -4,8 +4,8 @@
 //! The content of a folder determines its format: `transforms_train.json`, a scene of NeRF
 //! Synthetic or Shiny Blender; `sparse`, or `cameras` and `images` in COLMAP's formats, a
 //! reconstruction; `transforms.json`, a data set of nerfstudio or instant-ngp. Lens distortion is
-//! removed ([`crate::lens`]). A picture is rotated by its EXIF orientation where it fits its camera
-//! only so.
+//! removed ([`crate::lens`]). A picture is rotated by its EXIF orientation only if it fits its
+//! camera after rotation and not before.
 
 use crate::{
     blender, colmap,
@@ -31,7 +31,7 @@ pub use crate::{
     shot::{Changes, View},
 };
 
-/// Contents of a data set, beside its pictures.
+/// Contents of a data set, besides its pictures.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Report {
     /// Short description of the source of the cameras: format, list, lenses.
@@ -66,13 +66,13 @@ pub struct Dataset {
     pub points: Option<PointCloud>,
     /// Origin of cameras and points in the data set's world ([`crate::origin`]).
     pub origin: [f64; 3],
-    /// Contents of the data set, beside its pictures.
+    /// Contents of the data set, besides its pictures.
     pub report: Report,
     /// Notes on skipped, changed or assumed data, one sentence each.
     pub notes: Vec<String>,
 }
 
-/// Data set whose pictures are decoded one by one, when they are asked for.
+/// Data set with pictures that are decoded one by one, on request.
 #[derive(Debug)]
 pub struct Album {
     shots: Vec<Shot>,
@@ -82,7 +82,7 @@ pub struct Album {
     pub points: Option<PointCloud>,
     /// Origin of cameras and points in the data set's world ([`crate::origin`]).
     pub origin: [f64; 3],
-    /// Contents of the data set, beside its pictures.
+    /// Contents of the data set, besides its pictures.
     pub report: Report,
     /// Notes on skipped or assumed data, one sentence each.
     pub notes: Vec<String>,
@@ -159,12 +159,12 @@ impl Album {
     }
 }
 
-/// Reads a data set on all cores. `progress` is called with the number of decoded images and of all
-/// images, from any thread and in order of completion.
+/// Reads a data set on all cores. Calls `progress` with the number of decoded images and of all
+/// images, from any thread, in order of completion.
 ///
 /// # Errors
 ///
-/// The first error of the listing, or of the images in their order.
+/// The first error of the listing, or of the images in order.
 pub fn load(folder: &Path, options: &LoadOptions, progress: impl Fn(usize, usize) + Sync) -> Result<Dataset> {
     let album = Album::list(folder, options)?;
     let opened = open_all(&album, progress)?;
@@ -183,10 +183,10 @@ pub fn load(folder: &Path, options: &LoadOptions, progress: impl Fn(usize, usize
 ///
 /// An error of the listing, or of the image.
 pub fn load_one(folder: &Path, options: &LoadOptions, is_held_out: bool, index: usize) -> Result<Option<View>> {
-    // With a point cloud in the options, the data set's points are not read.
+    // A point cloud in the options replaces the data set's points.
     let without_points = LoadOptions { points: Some(PathBuf::new()), ..options.clone() };
     let (_, listing) = list(folder, &without_points)?;
-    // Without held-out views, test views follow the training views.
+    // Without held-out views, the test views follow the training views.
     let place = if is_held_out { listing.train.len() + index } else { index };
     listing.shots().nth(place).map(|shot| shot.open().map(|(view, _)| view)).transpose()
 }
@@ -218,7 +218,7 @@ fn move_to_origin(listing: &mut Listing, options: &LoadOptions) {
     let origin = options.origin.unwrap_or_else(|| origin::of_cameras(&positions(listing)));
     listing.train.iter_mut().chain(&mut listing.test).for_each(|shot| shot.pose.position -= DVec3::from(origin));
     if let Some(comment) = origin::comment(origin) {
-        listing.notes.push(format!("positions are relative to the {comment}, since the cameras are far from 0 0 0"));
+        listing.notes.push(format!("positions are relative to the {comment}, because the cameras are far from 0 0 0"));
     }
     listing.notes.extend(origin::note_coarse(origin, &positions(listing)));
     listing.origin = origin;
@@ -237,8 +237,7 @@ fn list_files(files: &Files, options: &LoadOptions) -> Result<Listing> {
     colmap::list(files, &model, options)
 }
 
-/// Data set that COLMAP has put into a folder of its workspace, where that has no images of its
-/// own.
+/// Data set in a subfolder of COLMAP's workspace, if the workspace has no images itself.
 fn undistorted_workspace(folder: &Path, options: &LoadOptions) -> Option<PathBuf> {
     const PLACES: [&str; 2] = ["dense/0", "dense"];
     let has_own = [blender::TRAIN, nerfstudio::LIST, &options.images].iter().any(|name| folder.join(name).exists());
@@ -270,21 +269,21 @@ pub fn note_changes(changes: &[Changes], notes: &mut Vec<String>) {
     let count = |is: fn(&Changes) -> bool| changes.iter().filter(|view| is(view)).count();
     let turned = count(|view| view.is_turned);
     if turned > 0 {
-        notes.push(format!("turned {turned} pictures as their EXIF data say"));
+        notes.push(format!("rotated {turned} pictures by their EXIF orientation"));
     }
     let undistorted = count(|view| view.is_undistorted);
     if undistorted > 0 {
-        notes.push(format!("took the lens's distortion out of {undistorted} pictures"));
+        notes.push(format!("removed the lens distortion of {undistorted} pictures"));
     }
     let unknown: u64 = changes.iter().map(|view| view.unknown).sum();
     if unknown > 0 {
         let pixels: u64 = changes.iter().map(|view| view.pixels).sum();
         let (masked, share) = (count(|view| view.unknown > 0), 100.0 * unknown as f64 / pixels as f64);
-        notes.push(format!("{masked} pictures have pixels that do not count, {share:.1} % of all"));
+        notes.push(format!("{masked} pictures have masked pixels, {share:.1} % of all"));
     }
 }
 
-/// Notes test views without normals, where others have some.
+/// Notes test views without normals, if others have some.
 pub fn note_missing_normals(has_normals: impl ExactSizeIterator<Item = bool>, notes: &mut Vec<String>) {
     let all = has_normals.len();
     let missing = has_normals.filter(|has_normals| !has_normals).count();

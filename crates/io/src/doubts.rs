@@ -3,7 +3,7 @@
 use crate::{listing::Listing, shot::Shot};
 use glam::DVec3;
 
-/// Distance of a camera from the middle of all, relative to the median, from which it is noted.
+/// Distance of a camera from the centre of all, relative to the median, above which it is noted.
 const FAR: f64 = 10.0;
 
 /// Notes on cameras far from all others, and on cameras that see no point.
@@ -21,7 +21,7 @@ fn far_away<'a>(shots: impl Iterator<Item = &'a Shot> + Clone) -> Option<String>
     let ratio = distance(farthest) / usual;
     (usual > 0.0 && ratio > FAR).then(|| {
         format!(
-            "the camera of {:?} is {ratio:.0} times as far from the middle of all cameras as most are; their extent sets \
+            "the camera of {:?} is {ratio:.0} times as far from the centre of all cameras as most; their extent sets \
              learning rates, so remove it if its pose is wrong",
             farthest.name
         )

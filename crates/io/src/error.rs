@@ -12,7 +12,7 @@ pub type Result<T> = core::result::Result<T, Error>;
 #[non_exhaustive]
 pub enum Error {
     /// The operating system refused to read.
-    #[error("cannot read {path:?}: {cause}; check that it is there and that you may read it")]
+    #[error("cannot read {path:?}: {cause}; check that it exists and is readable")]
     Read {
         /// The file.
         path: PathBuf,
@@ -20,30 +20,32 @@ pub enum Error {
         cause: io::Error,
     },
     /// The operating system refused to write.
-    #[error("cannot write {path:?}: {cause}; make room there, or choose a folder that you may write to")]
+    #[error("cannot write {path:?}: {cause}; free some space, or use a writable folder")]
     Write {
         /// The file.
         path: PathBuf,
         /// Cause given by the operating system.
         cause: io::Error,
     },
-    /// A light is brighter than can be computed with.
-    #[error("{path:?} has a radiance of {found:e}, and {RADIANCE_MAX:e} is the most; lower its exposure, or scale it")]
+    /// A light is too bright.
+    #[error(
+        "{path:?} has a radiance of {found:e}, above the maximum {RADIANCE_MAX:e}; lower its exposure, or scale it"
+    )]
     TooBright {
         /// The file.
         path: PathBuf,
         /// Radiance, with the exposure.
         found: f32,
     },
-    /// A pipe, a device or a folder lies where a file is expected.
-    #[error("{path:?} is no regular file, but a folder, a pipe or a device; put a file in its place, or remove it")]
+    /// A pipe, a device or a folder instead of a file.
+    #[error("{path:?} is not a regular file, but a folder, a pipe or a device; replace it by a file, or remove it")]
     NotAFile {
         /// The path.
         path: PathBuf,
     },
     /// A folder in which files are written or removed is a link.
     #[error(
-        "{path:?} is a link, through which nothing is written or removed; put a folder or a file in its place, or \
+        "{path:?} is a link, and nothing is written or removed through links; replace it by a folder or a file, or \
          remove it"
     )]
     Link {
@@ -51,13 +53,13 @@ pub enum Error {
         path: PathBuf,
     },
     /// Other programs do not release the lock of a file.
-    #[error("other programs change what {path:?} locks, and do not end; wait until they do, and try again")]
+    #[error("other programs hold the lock {path:?}; wait until they end, and try again")]
     Busy {
         /// The file.
         path: PathBuf,
     },
-    /// The extension of a file name is of no format that can be written.
-    #[error("cannot tell the format of {path:?} from its name; let it end in {expected}")]
+    /// The extension of a file name does not name a format that can be written.
+    #[error("{path:?} has no known extension; use {expected}")]
     Ending {
         /// The file.
         path: PathBuf,
@@ -65,7 +67,7 @@ pub enum Error {
         expected: &'static str,
     },
     /// A file would be longer than its format allows.
-    #[error("{path:?} would have {len} bytes, and the format ends at 4 GiB")]
+    #[error("{path:?} would have {len} bytes; the format is limited to 4 GiB")]
     TooLong {
         /// The file.
         path: PathBuf,
@@ -74,7 +76,7 @@ pub enum Error {
     },
     /// A file needs more memory than the budget of its kind.
     #[error(
-        "cannot read {path:?}: {what} would take {} MiB, and {} MiB is the most for {kind}; {remedy}",
+        "cannot read {path:?}: {what} would take {} MiB, above the limit of {} MiB for {kind}; {remedy}",
         wanted.div_ceil(1 << 20), most >> 20
     )]
     TooLarge {
@@ -104,18 +106,16 @@ pub enum Error {
         remedy: &'static str,
     },
     /// The folder of a data set does not exist.
-    #[error(
-        "no folder {path:?}; name the folder that holds transforms_train.json, transforms.json or sparse/0, and images"
-    )]
+    #[error("no folder {path:?}; give the folder with transforms_train.json, transforms.json or sparse/0, and images")]
     NoFolder {
         /// The folder.
         path: PathBuf,
     },
-    /// A folder holds no list of cameras.
+    /// A folder has no list of cameras.
     #[error(
         "no transforms_train.json in {path:?}, nor COLMAP's sparse/0/cameras.bin and images.bin (or .txt), nor \
          transforms.json; expected are transforms_train.json and transforms_test.json, as in NeRF Synthetic and Shiny \
-         Blender, or a reconstruction by COLMAP beside a folder images, or nerfstudio's transforms.json"
+         Blender, or a reconstruction by COLMAP next to a folder images, or nerfstudio's transforms.json"
     )]
     NoTransforms {
         /// The folder.
@@ -123,8 +123,8 @@ pub enum Error {
     },
     /// None of the images of the cameras exists.
     #[error(
-        "none of the images that the cameras of {data:?} name is in {path:?}, not even {first:?}{}",
-        elsewhere.as_ref().map_or(String::new(), |folder| format!(", which {folder:?} has"))
+        "{path:?} has none of the images that the cameras of {data:?} name, such as {first:?}{}",
+        elsewhere.as_ref().map_or(String::new(), |folder| format!(", which is in {folder:?}"))
     )]
     NoImages {
         /// The folder of the data set.
@@ -136,16 +136,16 @@ pub enum Error {
         /// Folder within the data set that has an image of this name.
         elsewhere: Option<PathBuf>,
     },
-    /// The images of the cameras are of a format that is not read.
-    #[error("{path:?} is of a format that is not read; convert the images to PNG or JPEG under their names")]
+    /// The images of the cameras have an unsupported format.
+    #[error("{path:?} has an unsupported format; convert the images to PNG or JPEG with the same names")]
     UnreadFormat {
         /// The first image.
         path: PathBuf,
     },
-    /// An image has another shape than its camera.
+    /// An image and its camera differ in aspect ratio.
     #[error(
-        "image {path:?} has {} by {} pixels, but its camera {} by {}, which is another shape; take the images that the \
-         cameras were found with, or smaller copies of them", found[0], found[1], expected[0], expected[1]
+        "image {path:?} has {} by {} pixels, but its camera {} by {}: aspect ratios differ; use the images that the \
+         cameras were estimated from, or smaller copies of them", found[0], found[1], expected[0], expected[1]
     )]
     OtherShape {
         /// The image.
@@ -155,10 +155,10 @@ pub enum Error {
         /// Width and height of the camera.
         expected: [u32; 2],
     },
-    /// A mask has another shape than its picture.
+    /// A mask and its picture differ in aspect ratio.
     #[error(
-        "mask {path:?} has {} by {} pixels, but its picture {} by {}, which is another shape; make masks of the \
-         pictures as they are", found[0], found[1], expected[0], expected[1]
+        "mask {path:?} has {} by {} pixels, but its picture {} by {}: aspect ratios differ; make masks from the \
+         pictures", found[0], found[1], expected[0], expected[1]
     )]
     MaskShape {
         /// The mask.
@@ -168,16 +168,16 @@ pub enum Error {
         /// Width and height of the picture.
         expected: [u32; 2],
     },
-    /// A picture is not the one that it was when the program started.
-    #[error("{path:?} is not the picture that it was at the start; put back what was there")]
+    /// A picture has changed since the program started.
+    #[error("{path:?} has changed since the program started; restore the original picture")]
     Changed {
         /// The image.
         path: PathBuf,
     },
     /// Ground truth has another size than its picture.
     #[error(
-        "{path:?} has {} by {} pixels, but the picture that it is the truth of {} by {}; render it at that size, or \
-         remove it to measure without", found[0], found[1], expected[0], expected[1]
+        "{path:?} has {} by {} pixels, but its picture {} by {}; render the ground truth at that size, or remove it to \
+         skip its measures", found[0], found[1], expected[0], expected[1]
     )]
     TruthSize {
         /// The file.
@@ -204,14 +204,14 @@ pub enum Error {
         path: PathBuf,
     },
     /// Images cannot be downscaled by this factor.
-    #[error("cannot make the images in {path:?} {downscale} times smaller; use 1, 2, 4 or 8")]
+    #[error("cannot downscale the images in {path:?} by {downscale}; use 1, 2, 4 or 8")]
     Downscale {
         /// The data set's folder.
         path: PathBuf,
         /// Requested factor.
         downscale: u32,
     },
-    /// A file is not valid JSON, or has other content than expected.
+    /// A file is not valid JSON, or has unexpected content.
     #[error("cannot understand {path:?}, line {line}, column {column}: {cause}")]
     Json {
         /// The file.
@@ -234,7 +234,7 @@ pub enum Error {
         what: String,
     },
     /// A file cannot be decoded as an image.
-    #[error("cannot decode {path:?}: {cause}; save the image again, or leave it out")]
+    #[error("cannot decode {path:?}: {cause}; save the image again, or remove it")]
     Image {
         /// The image.
         path: PathBuf,
@@ -243,12 +243,12 @@ pub enum Error {
     },
     /// Masks hide every training picture.
     #[error(
-        "no pixel of any training picture counts: its masks are black throughout, where white counts, or its lens has \
-         parameters that no pixel fits"
+        "all pixels of the training pictures are masked: the masks are black (white counts), or the lens parameters \
+         are wrong"
     )]
     AllMasked,
     /// An image has no pixels.
-    #[error("image {path:?} has no pixels; save it again, or leave it out")]
+    #[error("image {path:?} has no pixels; save it again, or remove it")]
     EmptyImage {
         /// The image.
         path: PathBuf,
@@ -267,7 +267,7 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
-    /// A file is of a kind that is known and not read.
+    /// A file is of a known but unsupported kind.
     #[error("{path:?} is {kind}; {remedy}")]
     OtherKind {
         /// The file.
@@ -287,7 +287,7 @@ pub enum Error {
         /// Layout that requires the property.
         layout: &'static str,
     },
-    /// A property holds lists in place of numbers.
+    /// A property contains lists instead of numbers.
     #[error("property \"{property}\" of {path:?} is a list; a number for each vertex is expected")]
     ListProperty {
         /// The file.
@@ -295,7 +295,7 @@ pub enum Error {
         /// The property.
         property: String,
     },
-    /// The number of spherical harmonics belongs to no degree.
+    /// The number of spherical harmonics matches no degree.
     #[error("{count} properties f_rest_* in {path:?}; {layout} has {allowed}")]
     HarmonicsCount {
         /// The file.
@@ -308,7 +308,7 @@ pub enum Error {
         allowed: &'static str,
     },
     /// A file ends too early.
-    #[error("{path:?} is cut short: {found} of {expected} vertices are there; copy or export it again")]
+    #[error("{path:?} is cut short: it has {found} of {expected} vertices; copy or export it again")]
     CutShort {
         /// The file.
         path: PathBuf,
@@ -317,7 +317,7 @@ pub enum Error {
         /// Number of vertices in the header.
         expected: usize,
     },
-    /// A word in place of a number.
+    /// A word instead of a number.
     #[error("\"{text}\" is not a number, at vertex {index} of {path:?}, property \"{property}\"")]
     NotANumber {
         /// The file.
@@ -371,7 +371,7 @@ pub enum Error {
         cause: String,
     },
     /// A checkpoint has another version of the format.
-    #[error("the checkpoint {path:?} is of format {found}, and this program knows format {known}")]
+    #[error("the checkpoint {path:?} has format {found}, but this program reads format {known}")]
     CheckpointFormat {
         /// The file.
         path: PathBuf,
@@ -381,14 +381,14 @@ pub enum Error {
         known: u32,
     },
     /// The near field of a model is invalid.
-    #[error("cannot read the near field {path:?}: {cause}; train again, or remove the file to do without")]
+    #[error("cannot read the near field {path:?}: {cause}; train again, or remove the file to render without it")]
     NearField {
         /// The file.
         path: PathBuf,
         /// Fault.
         cause: String,
     },
-    /// A glTF file holds no Gaussians that can be read.
+    /// A glTF file has no readable Gaussians.
     #[error("cannot read {path:?} as glTF with Gaussians: {cause}")]
     Glb {
         /// The file.
@@ -406,8 +406,8 @@ pub enum Error {
     },
     /// A folder has no trained model.
     #[error(
-        "no point_cloud/iteration_{iteration}/point_cloud.ply in {path:?}; name the folder that training wrote to, \
-         or a .ply file"
+        "no point_cloud/iteration_{iteration}/point_cloud.ply in {path:?}; give the folder of a training, or a .ply \
+         file"
     )]
     NoModel {
         /// The folder.
@@ -418,7 +418,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// True where a file was not written because the disk or a quota is full.
+    /// True if a file was not written because the disk or a quota is full.
     pub fn is_full_disk(&self) -> bool {
         use io::ErrorKind::{QuotaExceeded, StorageFull};
         matches!(self, Self::Write { cause, .. } if matches!(cause.kind(), StorageFull | QuotaExceeded))
@@ -446,7 +446,7 @@ impl Error {
             }
             other => {
                 let cause = match unread_format(&path) {
-                    Some(format) => format!("it is {format}, and PNG, JPEG and WebP are read"),
+                    Some(format) => format!("it is {format}; supported are PNG, JPEG and WebP"),
                     None => other.to_string().trim_end().to_owned(),
                 };
                 Self::Image { path, cause }
@@ -455,7 +455,7 @@ impl Error {
     }
 }
 
-/// Message of the parser without the position, which the sentence states already.
+/// Message of the parser without the position, which the error states.
 fn without_place(error: &serde_json::Error) -> String {
     let text = error.to_string();
     match text.rfind(" at line ") {

@@ -28,7 +28,7 @@ pub fn path_in(folder: &Path) -> PathBuf {
 ///
 /// # Errors
 ///
-/// [`crate::Error::Write`], where the file cannot be written.
+/// [`crate::Error::Write`] if the file cannot be written.
 pub fn write(folder: &Path, names: &[String], exposures: &[Exposure<f32>]) -> Result<()> {
     let mut all = Exposures::new();
     for (name, exposure) in names.iter().zip(exposures) {
@@ -37,14 +37,14 @@ pub fn write(folder: &Path, names: &[String], exposures: &[Exposure<f32>]) -> Re
     json::write(&path_in(folder), &all)
 }
 
-/// First variant of a name that is not taken.
+/// First free variant of a name.
 fn free_name(taken: &Exposures, name: &str) -> String {
     let others = (2_usize..).map(|number| format!("{name} ({number})"));
     let mut names = core::iter::once(name.to_owned()).chain(others);
     names.find(|name| !taken.contains_key(name)).expect("there are more numbers than names")
 }
 
-/// Reads the exposures of a model; none where its training did not learn exposures.
+/// Reads the exposures of a model; `None` if its training did not learn exposures.
 ///
 /// # Errors
 ///
@@ -58,7 +58,7 @@ pub fn read(folder: &Path) -> Result<Option<Exposures>> {
 ///
 /// # Errors
 ///
-/// [`crate::Error::Write`], where the file cannot be removed.
+/// [`crate::Error::Write`] if the file cannot be removed.
 pub fn remove(folder: &Path) -> Result<()> {
     within::remove_file(&path_in(folder))
 }

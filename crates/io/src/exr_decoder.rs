@@ -1,4 +1,4 @@
-//! Colours of OpenEXR files by the names of their channels, which `image` reads as R, G and B only.
+//! Colours of OpenEXR files by the names of their channels; `image` supports only R, G and B.
 //!
 //! Layers are prefixes of names, such as `ViewLayer.Combined.R`, or parts of the file. A file
 //! with only luminance, `Y`, is grey.
@@ -18,13 +18,13 @@ use image::{
 };
 use std::{collections::BTreeMap, io::BufReader};
 
-/// Names of layers that hold what a renderer shows.
+/// Names of layers with the final colours of a renderer.
 const SHOWN: [&str; 5] = ["combined", "beauty", "rgba", "rgb", "color"];
 /// Chromaticities of sRGB: red, green, blue and white, x and y of each.
 const REC_709: [[f32; 2]; 4] = [[0.64, 0.33], [0.3, 0.6], [0.15, 0.06], [0.3127, 0.329]];
-/// Number of names in a sentence.
+/// Maximum number of names in a sentence.
 const NAMES_MAX: usize = 8;
-/// Largest difference of chromaticities that are the same.
+/// Largest difference between chromaticities that count as equal.
 const SAME: f32 = 0.01;
 
 /// Decoder of the colours of a file.
@@ -32,7 +32,7 @@ pub(crate) struct ExrDecoder<'a> {
     reader: Reader<BufReader<Opened<'a>>>,
     header: Header,
     names: Names,
-    /// Notes on parts of the file that are not read as they are, a sentence each.
+    /// Notes on parts of the file that are ignored or changed, one sentence each.
     pub(crate) notes: Vec<String>,
 }
 
@@ -57,9 +57,7 @@ impl<'a> ExrDecoder<'a> {
             return Err(image(without_color(reader.headers())));
         };
         if header.channels.list.iter().any(|channel| channel.sampling != Vec2(1, 1)) {
-            return Err(image(
-                "it has channels at a part of its size, such as RY and BY; save it as R, G and B".into(),
-            ));
+            return Err(image("it has subsampled channels, such as RY and BY; save it as R, G and B".into()));
         }
         let mut notes = Vec::new();
         let others = layers.iter().map(|(_, other)| other.layer.as_str()).filter(|layer| *layer != names.layer);
@@ -67,13 +65,11 @@ impl<'a> ExrDecoder<'a> {
         if !others.is_empty() {
             let red = names.color[0].to_string();
             notes.push(format!(
-                "{path:?} is read from its channel {red:?} and those beside it, without the layers {others:?}"
+                "{path:?} is read from its channel {red:?} and the matching ones, without the layers {others:?}"
             ));
         }
         if !is_rec_709(header) {
-            notes.push(format!(
-                "{path:?} has other primaries than sRGB, and is read as if it had these; convert it first"
-            ));
+            notes.push(format!("{path:?} has primaries other than sRGB, which are ignored; convert it first"));
         }
         let header = header.clone();
         Ok(Self { reader, header, names, notes })
@@ -105,8 +101,8 @@ fn layers_of(header: &Header) -> impl Iterator<Item = (&Header, Names)> {
     })
 }
 
-/// Rank of a layer: colours before grey, names without a layer before what renderers show, and
-/// these before others.
+/// Rank of a layer: colours before grey; channels without a layer, then renderers' final colours,
+/// then others.
 fn rank(names: &Names) -> (bool, usize) {
     let [red, green, _] = &names.color;
     let name = red.to_string();
@@ -115,14 +111,14 @@ fn rank(names: &Names) -> (bool, usize) {
     (red == green, if name.contains('.') { 1 + place } else { 0 })
 }
 
-/// Sentence on a file without a layer to show.
+/// Error for a file without a usable layer.
 fn without_color(headers: &[Header]) -> String {
     if headers.iter().all(|header| header.deep) {
-        return "it is a deep picture, with lists of samples for each pixel; flatten it".to_owned();
+        return "it is a deep image, with lists of samples for each pixel; flatten it".to_owned();
     }
     let channels = headers.iter().flat_map(|header| &header.channels.list);
     let names: Vec<String> = channels.take(NAMES_MAX).map(|channel| channel.name.to_string()).collect();
-    format!("it has the channels {}, and neither R, G and B nor Y", names.join(", "))
+    format!("it has the channels {}, but neither R, G and B nor Y", names.join(", "))
 }
 
 fn is_rec_709(header: &Header) -> bool {
@@ -155,7 +151,7 @@ impl ImageDecoder for ExrDecoder<'_> {
             }
         };
         let Names { color: [red, green, blue], alpha, .. } = self.names;
-        // A name that no channel has stands for alpha where there is none.
+        // An unused name stands for a missing alpha channel.
         let alpha = alpha.unwrap_or_else(|| Text::from(" "));
         let channels = read().no_deep_data().largest_resolution_level().specific_channels();
         let pixels = if red == green {

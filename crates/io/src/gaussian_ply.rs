@@ -11,7 +11,7 @@
 //! * Mip-Splatting: any, then filter_3D, the deviation of each Gaussian's filter in space
 //! * 2D Gaussian splatting: the first, without scale_2
 //!
-//! The layout is the one whose columns are there; other columns are left out, and noted.
+//! The layout follows from the columns; other columns are ignored and noted.
 
 use crate::{
     affine::SCALE_MIN,
@@ -36,15 +36,15 @@ use std::{
 const FILTER: &str = "filter_3D";
 /// Property of physical materials.
 const METALNESS_NAME: &str = "metallic";
-/// Properties that no layout but GaussianShader's has.
+/// Properties that only GaussianShader's layout has.
 const OF_SHADED: [&str; 6] = ["nx2", "ny2", "nz2", "specular0", "specular1", "specular2"];
 const RADIANCE_LAYOUT: &str = "the layout of 3D Gaussian splatting";
 const SHADED_LAYOUT: &str = "GaussianShader's layout";
 /// Thickness of a flat Gaussian, relative to its smaller axis.
 const FLAT: f32 = 1e-3;
-/// Number of Gaussians that are not all alike by chance.
+/// Number of Gaussians that cannot all be alike by chance.
 const MANY: usize = 20;
-/// Number of names in a note.
+/// Maximum number of names in a note.
 const NAMES_MAX: usize = 8;
 
 /// Gaussians of a PLY file, in the file's conventions.
@@ -54,7 +54,7 @@ pub struct GaussianFile {
     pub gaussians: Gaussians<Vec<f32>>,
     /// Comment lines of the header.
     pub comments: Vec<String>,
-    /// Notes on parts of the file that are not taken as they are, a sentence each.
+    /// Notes on parts of the file that are ignored or changed, one sentence each.
     pub notes: Vec<String>,
 }
 
@@ -69,12 +69,12 @@ struct Column {
 enum Holds {
     /// A plane of the Gaussians.
     Plane(usize),
-    /// Component of the normals beside plain Gaussians, zero without normals.
+    /// Component of the normals of plain Gaussians, zero without normals.
     Normal(usize),
 }
 
-/// Reads Gaussians of the layout that the columns have. Infinite opacities and scales of minus
-/// infinity, which converters write for the logarithms of 0 and 1, become finite.
+/// Reads Gaussians in the layout of the columns. Infinite opacities and scales of minus infinity,
+/// which converters write for opacities of 0 and 1 and scales of 0, become finite.
 ///
 /// # Errors
 ///
@@ -92,9 +92,9 @@ pub fn read(path: &Path) -> Result<GaussianFile> {
     let mut notes = Vec::from_iter(note_left_out(path, &table, layout));
     let is_flat = table.has("scale_1") && !table.has("scale_2");
     if is_flat {
-        // A plane of the same length, whose numbers are replaced.
+        // Plane of the same length; its numbers are replaced.
         names[LOG_SCALE + 2] = "scale_1".to_owned();
-        notes.push(format!("{path:?} has two scales, as of 2D Gaussian splatting; its Gaussians are shown flat"));
+        notes.push(format!("{path:?} has two scales, as in 2D Gaussian splatting; its Gaussians are rendered flat"));
     }
     let mut columns = table.read_any(&names, name_of(layout))?;
     notes.extend(note_infinities(path, replace_infinities(&mut columns, count, is_flat)));
@@ -104,7 +104,7 @@ pub fn read(path: &Path) -> Result<GaussianFile> {
     Ok(GaussianFile { gaussians: Gaussians { count, layout, values: columns.values }, comments, notes })
 }
 
-/// Note on columns without a place in a layout.
+/// Note on columns that are not part of the layout.
 fn note_left_out(path: &Path, table: &Table, layout: Layout) -> Option<String> {
     let known = columns(layout);
     let left_out: Vec<&str> = table.names().filter(|name| known.iter().all(|column| column.name != *name)).collect();
@@ -114,10 +114,10 @@ fn note_left_out(path: &Path, table: &Table, layout: Layout) -> Option<String> {
         more => format!(" and {more} more"),
     };
     let layout = name_of(layout);
-    (!left_out.is_empty()).then(|| format!("{path:?} is read in {layout}, which has no {names}{more}: left out"))
+    (!left_out.is_empty()).then(|| format!("{path:?} is read in {layout}; its columns {names}{more} are ignored"))
 }
 
-/// Replaces infinite numbers with a meaning. Returns the numbers of opacities and of scales.
+/// Replaces infinite numbers that have a meaning. Returns the numbers of such opacities and scales.
 fn replace_infinities(columns: &mut Columns, count: usize, is_flat: bool) -> [usize; 2] {
     let mut replaced = [0; 2];
     for row in 0..count {
@@ -138,7 +138,7 @@ fn replace_infinities(columns: &mut Columns, count: usize, is_flat: bool) -> [us
     replaced
 }
 
-/// Finite logarithms of scales, of which some are zero.
+/// Finite logarithms of scales, some of which may be zero.
 fn thin(log_scales: [f32; 3]) -> [f32; 3] {
     let finite = log_scales.into_iter().filter(|log_scale| *log_scale != f32::NEG_INFINITY);
     let smallest = finite.fold(f32::INFINITY, f32::min);
@@ -150,7 +150,7 @@ fn note_infinities(path: &Path, [opacities, scales]: [usize; 2]) -> Option<Strin
     (opacities + scales > 0).then(|| {
         format!(
             "{path:?} has {opacities} infinite opacities, read as 0 or 1, and {scales} Gaussians with scales of 0, \
-             shown flat"
+             rendered flat"
         )
     })
 }
@@ -158,19 +158,21 @@ fn note_infinities(path: &Path, [opacities, scales]: [usize; 2]) -> Option<Strin
 /// Note on quaternions of length 0.
 pub(crate) fn note_no_rotations(path: &Path, count: usize) -> Option<String> {
     (count > 0).then(|| {
-        format!("{path:?} has {count} Gaussians whose rotation is 0 0 0 0, as in rows that were never filled: shown unrotated")
+        format!(
+            "{path:?} has {count} Gaussians with the rotation 0 0 0 0, probably unused rows; they are rendered \
+             unrotated"
+        )
     })
 }
 
-/// Note on scales and opacities that are numbers from 0 to 1 and above, as they are after their
-/// activations.
+/// Note on scales and opacities that look activated: scales above 0 and opacities from 0 to 1.
 fn note_lengths(path: &Path, columns: &Columns, count: usize) -> Option<String> {
     let are_lengths = |row: usize| columns.get::<3>(row, LOG_SCALE).iter().all(|scale| *scale > 0.0);
     let is_share = |row: usize| (0.0..=1.0).contains(&columns.get::<1>(row, OPACITY)[0]);
     (count >= MANY && (0..count).all(|row| are_lengths(row) && is_share(row))).then(|| {
         format!(
-            "{path:?} has scales above 0 and opacities from 0 to 1 only, which are read as logarithms and logits; if they \
-             are lengths and shares, write their logarithms and logits"
+            "{path:?} has only scales above 0 and opacities from 0 to 1, which are read as logarithms and logits; if \
+             they are activated, write logarithms and logits instead"
         )
     })
 }
@@ -179,16 +181,16 @@ fn note_lengths(path: &Path, columns: &Columns, count: usize) -> Option<String> 
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where the file cannot be written.
+/// [`Error::Write`] if the file cannot be written.
 pub fn write(path: &Path, gaussians: &Gaussians<Vec<f32>>, comments: &[String]) -> Result<()> {
     write_with_normals(path, gaussians, None, comments)
 }
 
-/// Writes Gaussians, with normals where the layout has columns for them.
+/// Writes Gaussians, with normals if the layout has columns for them.
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where the file cannot be written.
+/// [`Error::Write`] if the file cannot be written.
 pub fn write_with_normals(
     path: &Path,
     gaussians: &Gaussians<Vec<f32>>,
@@ -221,8 +223,7 @@ fn layout_of(path: &Path, table: &Table) -> Result<Layout> {
     }
 }
 
-/// Returns whether a file has GaussianShader's layout, or a part of it without harmonics by which
-/// it could be shown.
+/// True if a file has GaussianShader's layout, or a part of it without harmonics to render.
 fn is_shaded(table: &Table, rest_count: usize) -> bool {
     let shaded_columns = OF_SHADED.iter().filter(|name| table.has(name)).count();
     let has_harmonics = rest_count > 0 && degree_of(rest_count + 3).is_some();

@@ -40,7 +40,7 @@ const BIN_CHUNK: u32 = 0x004e_4942;
 /// A scalar or vector attribute of each Gaussian.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Attribute {
-    /// Name, behind that of the extension.
+    /// Name, after the extension's.
     pub name: String,
     /// Components per Gaussian: 1, 3 or 4.
     pub width: usize,
@@ -48,7 +48,7 @@ pub struct Attribute {
     pub values: Vec<f32>,
 }
 
-/// Shading attributes beside plain Gaussians.
+/// Shading attributes of plain Gaussians.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Shading {
     /// Properties: the shading equation and the prefilter of its light.
@@ -76,7 +76,7 @@ pub struct Placement {
 ///
 /// # Errors
 ///
-/// [`Error::TooLong`] beyond 4 GiB, [`Error::Write`] where the file cannot be written.
+/// [`Error::TooLong`] beyond 4 GiB, [`Error::Write`] if the file cannot be written.
 pub fn write(
     path: &Path,
     gaussians: &Gaussians<Vec<f32>>,

@@ -12,7 +12,7 @@ use std::{
     path::Path,
 };
 
-/// File to read: on disk, or in memory where there is no file system.
+/// File to read: on disk, or in memory if there is no file system.
 #[derive(Clone, Copy, Debug)]
 pub struct Input<'a> {
     path: &'a Path,
@@ -25,7 +25,7 @@ impl<'a> Input<'a> {
         Self { path, bytes: None }
     }
 
-    /// Contents of a file, which errors call `name`.
+    /// Contents of a file; errors call it `name`.
     pub fn memory(name: &'a str, bytes: &'a [u8]) -> Self {
         Self { path: Path::new(name), bytes: Some(bytes) }
     }
@@ -35,7 +35,7 @@ impl<'a> Input<'a> {
         self.path
     }
 
-    /// Whether there is a folder around the file.
+    /// True if the file is in a folder.
     pub(crate) const fn is_on_disk(self) -> bool {
         self.bytes.is_none()
     }
@@ -44,7 +44,7 @@ impl<'a> Input<'a> {
     ///
     /// # Errors
     ///
-    /// [`Error::Read`], where the file cannot be opened.
+    /// [`Error::Read`] if the file cannot be opened.
     pub(crate) fn open(self) -> Result<BufReader<Opened<'a>>> {
         Ok(BufReader::new(match self.bytes {
             Some(bytes) => Opened::Memory(Cursor::new(bytes)),
@@ -56,7 +56,7 @@ impl<'a> Input<'a> {
     ///
     /// # Errors
     ///
-    /// [`Error::Read`], where the file cannot be read.
+    /// [`Error::Read`] if the file cannot be read.
     pub(crate) fn bytes(self) -> Result<Cow<'a, [u8]>> {
         match self.bytes {
             Some(bytes) => Ok(bytes.into()),
@@ -68,7 +68,7 @@ impl<'a> Input<'a> {
     ///
     /// # Errors
     ///
-    /// [`Error::Read`], where the file cannot be read.
+    /// [`Error::Read`] if the file cannot be read.
     pub(crate) fn len(self) -> Result<u64> {
         match self.bytes {
             Some(bytes) => Ok(bytes.len() as u64),

@@ -2,12 +2,12 @@
 //!
 //! A block of 8 × 8 pixels is stored as cosine coefficients; the lowest 4 × 4 or 2 × 2 of them give
 //! the block at a half or a quarter of the size, sharper than an area average. A picture is
-//! therefore decoded at twice the requested size and averaged: the remaining difference is below a
-//! step of 8 bits.
+//! therefore decoded at twice the requested size and averaged; the remaining difference is below an
+//! 8-bit step.
 //!
 //! With a factor of 4 a quarter of the pixels are decoded, with 8 a sixteenth, with 2 all of them:
-//! the lowest cosines alone are 42 to 47 dB from the area average on photographs, a final halving
-//! by averages at least 49 dB. Masks and rotations need the whole picture.
+//! on photographs, the lowest cosines by themselves have 42 to 47 dB against the area average, with
+//! a final halving by averages at least 49 dB. Masks and rotations need the whole picture.
 
 use crate::{
     budget::{JPEG_SCANS_MAX, PICTURE},
@@ -21,14 +21,14 @@ use std::{
     path::Path,
 };
 
-/// Most bytes per pixel during decoding: a coefficient of two bytes for each of four channels.
+/// Maximum bytes per pixel during decoding: a coefficient of two bytes for each of four channels.
 const BYTES: u64 = 8;
 /// Edge of a block in pixels. Thinner pictures are decoded in full.
 const BLOCK: u32 = 8;
 
-/// Decodes a picture at half of `downscale`, and returns it with its full size. None where nothing
-/// would be saved, and for files that are left to the general decoder: other formats, rotated
-/// pictures, colours other than grey or YCbCr, sizes beyond the budget, broken files.
+/// Decodes a picture at half of `downscale`, and returns it with its full size. Returns `None` if
+/// nothing would be saved, and for files for the general decoder: other formats, rotated pictures,
+/// colours other than grey or YCbCr, sizes beyond the budget, broken files.
 pub(crate) fn decode_smaller(path: &Path, downscale: u32) -> Option<(DynamicImage, [u32; 2])> {
     let side = downscale / 2;
     if side < 2 {
@@ -58,8 +58,8 @@ pub(crate) fn decode_smaller(path: &Path, downscale: u32) -> Option<(DynamicImag
     Some((image, size))
 }
 
-/// Refuses pictures that were cut short, and those of very many scans, each of which costs a pass
-/// over all blocks for a few bytes.
+/// Rejects truncated pictures, and pictures with too many scans, since each scan costs a pass over
+/// all blocks for a few bytes.
 ///
 /// # Errors
 ///
@@ -69,15 +69,15 @@ pub(crate) fn refuse_broken_scans(input: Input<'_>) -> Result<()> {
     let refuse = |cause: String| Err(Error::Image { path: input.path().to_owned(), cause });
     match count_scans(&mut input.open()?) {
         Ok(scans) if scans <= JPEG_SCANS_MAX => Ok(()),
-        Ok(scans) => refuse(format!("it has {scans} scans, and {JPEG_SCANS_MAX} is the most that is decoded")),
+        Ok(scans) => refuse(format!("it has {scans} scans, above the limit of {JPEG_SCANS_MAX}")),
         Err(cause) if cause.kind() == io::ErrorKind::UnexpectedEof => {
-            refuse("the file ends before the picture does; it was cut short".to_owned())
+            refuse("the file is cut short: it ends before the picture".to_owned())
         }
         Err(cause) => Err(Error::reading(input.path())(cause)),
     }
 }
 
-/// Number of scans up to the end of the picture; files may hold more behind it.
+/// Number of scans up to the end of the picture; files may contain more data after it.
 fn count_scans(reader: &mut impl Read) -> io::Result<usize> {
     const START: u8 = 0xd8;
     const END: u8 = 0xd9;
@@ -99,7 +99,7 @@ fn count_scans(reader: &mut impl Read) -> io::Result<usize> {
     }
 }
 
-/// Next marker behind the data of a scan, in which 0xff is followed by zero or a restart.
+/// Next marker after the data of a scan, where 0xff is followed by zero or a restart marker.
 fn next_marker(reader: &mut impl Read) -> io::Result<u8> {
     const LEAD: u8 = 0xff;
     let (mut last, mut byte) = ([0], [0]);
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn less_is_decoded_and_the_picture_is_that_of_all_of_it() {
+    fn decoding_at_half_size_matches_the_area_average() {
         let folder = tempfile::tempdir().unwrap();
         for (width, height) in [(256, 192), (203, 149), (130, 257)] {
             for image in
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_decoded_so_or_need_not_is_decoded_in_full() {
+    fn unsupported_files_are_decoded_in_full() {
         /// Little-endian with one entry: orientation 6.
         const TURNED: &[u8] = &[0x49, 0x49, 42, 0, 8, 0, 0, 0, 1, 0, 0x12, 1, 3, 0, 1, 0, 0, 0, 6, 0, 0, 0, 0, 0, 0, 0];
         let folder = tempfile::tempdir().unwrap();
@@ -214,7 +214,7 @@ mod tests {
         }
         let cut = Pixels::open(&path, 1, |_| None).map(|_| ()).unwrap_err().to_string();
         assert!(cut.contains("cut short"), "{cut}");
-        // Cameras append previews and notes of their own.
+        // Cameras append previews and notes.
         fs::write(&path, [&bytes[..], &bytes[..bytes.len() / 2], &[0xff, 0xda, 0]].concat()).unwrap();
         assert!(Pixels::open(&path, 1, |_| None).is_ok() && Pixels::open(&path, 8, |_| None).is_ok());
     }

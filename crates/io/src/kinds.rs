@@ -1,4 +1,4 @@
-//! Kinds of files that are no scene of Gaussians that can be read, and what to do with them.
+//! Kinds of files that are not readable scenes of Gaussians, with remedies.
 
 use crate::{
     error::{Error, Result},
@@ -7,7 +7,7 @@ use crate::{
 };
 use std::path::Path;
 
-/// A kind of file, by the endings of its names or the first bytes of its contents.
+/// Kind of file, recognised by the extension or the first bytes.
 struct Kind {
     name: &'static str,
     remedy: &'static str,
@@ -19,13 +19,13 @@ struct Kind {
 const CONVERT: &str = "open the model or the .ply file that it was made from, or convert it to a plain PLY file of 3D \
                        Gaussian splatting with splat-transform or SuperSplat";
 /// Remedy for pictures.
-const NO_SCENE: &str = "open a model folder, a PLY or a .glb file of Gaussians, and name lights with --env";
+const NO_SCENE: &str = "open a model folder, a PLY or a .glb file of Gaussians, and use --env for lights";
 /// Remedy for meshes.
-const NO_MESH: &str = "open Gaussians, which a training makes from renders of it";
+const NO_MESH: &str = "open Gaussians, such as those trained on renders of it";
 /// Remedy for points.
-const POINTS: &str = "open Gaussians; points can be what a training starts from (--points, as a PLY file)";
+const POINTS: &str = "open Gaussians; points can initialise a training (--points, as a PLY file)";
 
-/// Endings count before contents, which archives share.
+/// Extensions take precedence over contents, since archives begin alike.
 const KINDS: &[Kind] = &[
     Kind { name: "a .spz file of Gaussians", remedy: CONVERT, endings: &["spz"], starts: &[b"NGSP"] },
     Kind { name: "a .splat file of Gaussians", remedy: CONVERT, endings: &["splat"], starts: &[] },
@@ -40,7 +40,7 @@ const KINDS: &[Kind] = &[
     },
     Kind {
         name: "a glTF file",
-        remedy: "open it as a scene; here a PLY file is expected",
+        remedy: "open it as a scene; a PLY file is expected here",
         endings: &["glb", "gltf"],
         starts: &[b"glTF"],
     },
@@ -69,7 +69,7 @@ const KINDS: &[Kind] = &[
         starts: &[],
     },
     Kind {
-        name: "a light or a picture and no scene",
+        name: "a light or a picture, not a scene",
         remedy: NO_SCENE,
         endings: &["hdr", "exr", "ktx2", "png", "jpg", "jpeg", "webp", "gif", "tif", "tiff"],
         starts: &[b"#?", b"\x76\x2f\x31\x01", b"\xabKTX", b"\x89PNG", b"\xff\xd8\xff", b"RIFF", b"GIF8"],
@@ -94,7 +94,7 @@ const KINDS: &[Kind] = &[
     },
 ];
 
-/// Refuses a file of a kind that is known, by its name or contents.
+/// Rejects a file of one of these kinds, by its name or contents.
 ///
 /// # Errors
 ///
@@ -113,7 +113,7 @@ pub(crate) fn compressed_ply(path: &Path) -> Error {
     other(path, "a compressed PLY of PlayCanvas", CONVERT)
 }
 
-/// Error of a PLY file with vertices that are no Gaussians.
+/// Error for a PLY file with vertices that are not Gaussians.
 pub(crate) fn points_or_mesh(path: &Path, has_faces: bool) -> Error {
     if has_faces { other(path, "a mesh", NO_MESH) } else { other(path, "a point cloud", POINTS) }
 }

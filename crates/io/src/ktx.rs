@@ -8,8 +8,8 @@ use ktx2::{
 use specula_core::{cubemap::FACE_COUNT, pack::pack2};
 use std::path::Path;
 
-/// Four halves: every KTX 2.0 reader supports them, and their steps of 2⁻¹¹ are finer than any
-/// prefilter.
+/// Four half floats: every KTX 2.0 reader supports them, and their relative steps of 2⁻¹¹ are finer
+/// than the error of any prefilter.
 const FORMAT: Format = Format::R16G16B16A16_SFLOAT;
 /// Bytes of a texel, which is also the alignment of levels.
 const TEXEL_LEN: usize = 8;
@@ -34,7 +34,7 @@ pub struct CubeLevel {
 ///
 /// # Errors
 ///
-/// [`crate::Error::Write`], where the file cannot be written.
+/// [`crate::Error::Write`] if the file cannot be written.
 pub fn write_cube(path: &Path, levels: &[CubeLevel], notes: &[(&str, &str)]) -> Result<()> {
     for (level, CubeLevel { resolution, rgb }) in levels.iter().enumerate() {
         assert_eq!(*resolution, levels[0].resolution >> level, "each level is half as wide as the one before");
@@ -84,7 +84,7 @@ fn file_of(levels: &[CubeLevel], notes: &[(&str, &str)]) -> Vec<u8> {
     bytes
 }
 
-/// Index entry of a level behind the levels before it.
+/// Index entry of a level, stored after the preceding levels.
 fn place(level: &CubeLevel, end: &mut usize) -> LevelIndex {
     let (start, len) = (*end, level.rgb.len() / 3 * TEXEL_LEN);
     *end += len;
@@ -110,7 +110,7 @@ fn bytes_of_notes(notes: &[(&str, &str)]) -> Vec<u8> {
     bytes
 }
 
-/// Bytes behind their length, which includes itself.
+/// Bytes after their length, which includes itself.
 fn sized(bytes: &[u8]) -> Vec<u8> {
     let len = (bytes.len() + size_of::<u32>()) as u32;
     [&len.to_le_bytes(), bytes].concat()

@@ -29,7 +29,7 @@ const LARGEST_RGBE: f32 = 1e38;
 /// Samples per pixel of the finer map along each axis of a conversion: a single bright pixel then
 /// keeps its energy within 1 % on the way to a cube.
 const OVERSAMPLING: f64 = 4.0;
-/// Most samples along an edge of a texel; more would take minutes and change nothing.
+/// Maximum number of samples along an edge of a texel; more would take minutes and change nothing.
 const SAMPLES_MAX: usize = 64;
 
 /// Three floats per pixel.
@@ -46,7 +46,7 @@ pub struct LatLong {
     pub rgb: Vec<f32>,
 }
 
-/// Counts of values in a file that are no radiance and were replaced.
+/// Counts of invalid values in a file that were replaced.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cleaned {
     /// NaN, replaced by 0.
@@ -204,7 +204,7 @@ pub fn read_from(input: Input<'_>) -> Result<(LatLong, Cleaned)> {
 /// Returns whether a file has a high-dynamic-range format, Radiance or OpenEXR.
 ///
 /// # Errors
-/// [`Error::Read`], where the file cannot be read.
+/// [`Error::Read`] if the file cannot be read.
 pub fn holds_radiance(input: Input<'_>) -> Result<bool> {
     let start = start_of(input)?;
     Ok(is_radiance(&start) || start.starts_with(&OPENEXR))
@@ -214,8 +214,8 @@ pub fn holds_radiance(input: Input<'_>) -> Result<bool> {
 ///
 /// # Errors
 ///
-/// [`Error::Read`] or [`Error::Image`] for a file that cannot be read or is of no format of
-/// [`read`].
+/// [`Error::Read`] or [`Error::Image`] for a file that cannot be read or has a format that [`read`]
+/// does not support.
 pub fn size(input: Input<'_>) -> Result<[u32; 2]> {
     let path = input.path();
     if is_radiance(&start_of(input)?) {
@@ -230,7 +230,7 @@ pub fn size(input: Input<'_>) -> Result<[u32; 2]> {
     Ok([width, height])
 }
 
-/// Notes on what of a file in a high-dynamic-range format is not read as it is.
+/// Notes on ignored or changed parts of a file in a high-dynamic-range format.
 ///
 /// # Errors
 ///
@@ -251,7 +251,7 @@ pub fn notes(input: Input<'_>) -> Result<Vec<String>> {
 ///
 /// # Errors
 ///
-/// [`Error::Ending`] for other extensions, [`Error::Write`] where the file cannot be written.
+/// [`Error::Ending`] for other extensions, [`Error::Write`] if the file cannot be written.
 pub fn write(path: &Path, map: &LatLong) -> Result<()> {
     assert_eq!(map.rgb.len(), 3 * map.width * map.height, "a pixel has three numbers");
     match ending(path).as_deref() {
@@ -265,7 +265,7 @@ pub fn write(path: &Path, map: &LatLong) -> Result<()> {
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where the file cannot be written.
+/// [`Error::Write`] if the file cannot be written.
 pub fn write_cube_exr(path: &Path, values: &[f32], resolution: usize) -> Result<()> {
     assert_eq!(values.len(), 18 * resolution * resolution, "six faces of resolution² texels");
     write_exr(path, resolution, 6 * resolution, values)
@@ -280,7 +280,7 @@ pub fn read_cube_exr(path: &Path) -> Result<(Vec<f32>, usize)> {
     cube_from(Input::file(path))
 }
 
-/// The same for contents in memory as well.
+/// Reads six faces in a column, from a file or its contents.
 pub(crate) fn cube_from(input: Input<'_>) -> Result<(Vec<f32>, usize)> {
     let (width, height, values) = read_linear(input)?;
     if height != 6 * width {
@@ -421,7 +421,7 @@ fn is_radiance(start: &[u8]) -> bool {
     start.starts_with(b"#?")
 }
 
-/// First bytes of a file, enough to tell its kind, or all of a shorter one.
+/// First bytes of a file, enough to recognise its kind; a shorter file is read in full.
 pub(crate) fn start_of(input: Input<'_>) -> Result<Vec<u8>> {
     const ENOUGH: u64 = 32;
     let mut start = Vec::new();
@@ -440,7 +440,7 @@ fn floats(image: DynamicImage) -> Vec<f32> {
     }
 }
 
-/// Replaces values that are no radiance, and counts them.
+/// Replaces invalid radiance, and counts the replaced values.
 fn clean(values: &mut [f32]) -> Cleaned {
     let largest = values.iter().filter(|value| value.is_finite()).fold(LARGEST_HALF, |most, value| most.max(*value));
     let mut cleaned = Cleaned::default();
@@ -486,7 +486,7 @@ pub(crate) fn cube_exr(path: &Path, values: &[f32], resolution: usize) -> Result
     planes::exr(path, resolution, 6 * resolution, planes_of(values))
 }
 
-/// Red, green and blue by themselves.
+/// Red, green and blue, without alpha.
 fn planes_of(rgb: &[f32]) -> Vec<NamedPlane> {
     let plane = |k: usize| rgb.iter().skip(k).step_by(3).copied().collect();
     vec![("R", plane(0)), ("G", plane(1)), ("B", plane(2))]

@@ -1,4 +1,4 @@
-//! Files of a data set that no reader uses.
+//! Unused files of a data set.
 
 use crate::{
     listing::Listing,
@@ -10,15 +10,15 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Most entries that are named.
+/// Maximum number of entries in a note.
 const ENTRIES_MAX: usize = 8;
-/// Files beside a data set that belong to none: notes, licences, projects of COLMAP, and what
-/// measurements read.
+/// Known files that are not part of a data set: notes, licences, projects of COLMAP, and inputs of
+/// measurements.
 const ASIDE: [&str; 10] = ["", "md", "txt", "log", "ini", "db", "sh", "py", "ipynb", "pdf"];
 const MEASURED: [&str; 5] = ["env.hdr", "env.exr", "light", "relit", "relight"];
 
-/// Entries of a data set that are not used, with the reason: pictures without cameras beside those
-/// that have one, and other folders and files at the top.
+/// Unused entries of a data set, with the reason: pictures without cameras, and other folders and
+/// files at the top level.
 pub(crate) fn left_out(files: &Files, listing: &Listing) -> Vec<String> {
     let read = listing.shots().flat_map(files_of).chain(listing.used.iter().map(PathBuf::as_path));
     let used: HashSet<String> = read.map(|path| files.key_below(path)).collect();
@@ -35,7 +35,7 @@ pub(crate) fn left_out(files: &Files, listing: &Listing) -> Vec<String> {
     }
     let pictures = pictures
         .into_iter()
-        .map(|(folder, count)| format!("{count} pictures of {:?} that no camera names", files.root.join(folder)));
+        .map(|(folder, count)| format!("{count} pictures of {:?} without a camera", files.root.join(folder)));
     let broken = files.broken.iter().map(|path| format!("{path:?} (cannot be opened)"));
     let entries = entries.into_iter().map(|(top, count)| entry(top, count));
     let all: Vec<String> = pictures.chain(broken).chain(entries).collect();
@@ -54,7 +54,7 @@ fn files_of(shot: &Shot) -> impl Iterator<Item = &Path> {
     [Some(&shot.image)].into_iter().chain(optional).chain(normal).flatten().map(PathBuf::as_path)
 }
 
-/// Whether a file belongs to no data set.
+/// True if a file is not part of a data set.
 fn is_aside(path: &Path) -> bool {
     let is_of = |name: &str, known: &[&str]| known.iter().any(|known| name.eq_ignore_ascii_case(known));
     let first = path.iter().next().unwrap_or_default();
@@ -63,7 +63,7 @@ fn is_aside(path: &Path) -> bool {
     is_of(&first.to_string_lossy(), &MEASURED) || is_at_top && is_of(&ending.to_string_lossy(), &ASIDE)
 }
 
-/// A folder or a file at the top, with the number of its files.
+/// Folder or file at the top level, with its number of files.
 fn entry(top: &Path, count: usize) -> String {
     let name = top.to_string_lossy();
     let factor = name.rsplit_once('_').map(|(_, factor)| factor).filter(|factor| ["2", "4", "8"].contains(factor));

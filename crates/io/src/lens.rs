@@ -1,14 +1,14 @@
 //! Lens models of COLMAP and OpenCV, and removal of their distortion from pictures.
 //!
-//! A ray through (x, y, 1) in camera axes, x to the right, y down, has the slopes (x, y). A
-//! distortion maps slopes to slopes; focal lengths and principal point map these to pixels. Pixel
-//! centres are at + ½. Formulas follow COLMAP's page on camera models and OpenCV's on calibration
-//! and fisheye cameras.
+//! A ray through (x, y, 1) in camera axes, x right, y down, has the slopes (x, y). A distortion
+//! maps slopes to slopes; focal lengths and principal point map these to pixels. Pixel centres are
+//! at + ½. Formulas follow COLMAP's page on camera models and OpenCV's on calibration and fisheye
+//! cameras.
 
 use crate::pixels::Pixels;
 use specula_core::color::UNKNOWN;
 
-/// Steps of the search for the slope at which a polynomial folds back.
+/// Steps of the search for the slope where a polynomial folds back.
 const REACH_STEPS: u32 = 2048;
 
 /// Distortion of a lens: a map of ray slopes.
@@ -102,14 +102,14 @@ impl Distortion {
         }
     }
 
-    /// Largest slope, up to `most`, below which distorted slopes grow with the slope. Beyond it a
-    /// polynomial folds back, and pixels show other rays.
+    /// Largest slope, up to `most`, below which distorted slopes increase with the slope. Beyond it
+    /// a polynomial folds back, and pixels see other rays.
     fn reach(&self, most: f64) -> f64 {
         let slope_at = |step: u32| most * f64::from(step) / f64::from(REACH_STEPS);
         let mut last = 0.0;
         for step in 1..=REACH_STEPS {
             let seen = slope_at(step) * self.factor(slope_at(step));
-            // The comparison is false for NaN as well.
+            // The comparison is also false for NaN.
             if !(seen > last) {
                 return slope_at(step - 1);
             }
@@ -160,8 +160,8 @@ impl Lens {
 
     /// Resamples a picture to a pinhole camera of the same size, focal lengths and principal point:
     /// bilinear in sRGB between the four nearest pixels, weighted by alpha. Pixels that the lens
-    /// did not see, or next to unknown ones, are [`UNKNOWN`]; parts outside of the pinhole's view
-    /// are lost.
+    /// did not see, or next to unknown ones, become [`UNKNOWN`]; parts outside of the pinhole's
+    /// view are lost.
     pub fn undistorted(&self, picture: &Pixels) -> Pixels {
         assert_eq!([self.width, self.height], [picture.width, picture.height], "the lens is that of the picture");
         let reach = self.distortion.reach(self.farthest_slope());
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn slopes_that_were_distorted_are_found_again() {
+    fn distortion_is_inverted() {
         for lens in lenses() {
             for step in 0..64 {
                 let slopes = [0.07 * f64::from(step % 8) - 0.25, 0.06 * f64::from(step / 8) - 0.2];
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_without_its_distortion_is_that_of_a_pinhole() {
+    fn an_undistorted_picture_matches_a_pinhole() {
         for lens in lenses() {
             let found = lens.undistorted(&taken_through(&lens));
             let expected = taken_through(&Lens { distortion: Distortion::None, ..lens });
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_lens_did_not_see_is_unknown() {
+    fn pixels_outside_of_the_lens_are_unknown() {
         let [width, height] = SIZE;
         let outwards = Distortion::Polynomial { radial: [0.5, 0.0, 0.0, 0.0, 0.0, 0.0], tangential: [0.0; 2] };
         let lens = Lens { focal_px: [60.0; 2], principal_px: [48.0, 32.0], width, height, distortion: outwards };
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_shows_nothing() {
+    fn lenses_that_are_not_finite_show_nothing() {
         let broken = Distortion::Polynomial { radial: [f64::NAN; 6], tangential: [0.0; 2] };
         assert_eq!(broken.reach(1.0), 0.0);
     }

@@ -1,9 +1,9 @@
 //! Files to core's types and back: data sets, Gaussians and points as PLY, light, pictures, model
 //! folders.
 //!
-//! Data is validated here, once, and can be trusted afterwards. An [`Error`] is one sentence that
-//! names the file, the place in it and, where there is one, a remedy. Files are written to a
-//! temporary name and renamed, so that a file is complete or unchanged.
+//! Data is validated here, once, and can be trusted afterwards. An [`Error`] is one sentence with
+//! the file, the place in it and, if there is one, a remedy. Files are written under a temporary
+//! name and renamed, so that a file is complete or unchanged.
 //!
 //! * [`dataset`]: photographs with cameras ([`cameras`], [`lens`], [`pixels`])
 //! * [`origin`]: origin of a scene in the world of its data set
@@ -11,14 +11,14 @@
 //! * [`gaussian_ply`], [`points_ply`]: Gaussians and points
 //! * [`latlong`]: light as `.hdr` and `.exr`, conversion to and from cube maps; [`ktx`]: cube maps
 //!   for other programs
-//! * [`splat`], [`spz`], [`glb`]: plain Gaussians for other programs, and of them as glTF;
+//! * [`splat`], [`spz`], [`glb`]: plain Gaussians for other programs, and from their glTF;
 //!   [`mesh`]: surfaces
 //! * [`picture`]: PNGs, comparisons, animations; [`planes`]: numbers of pictures as OpenEXR
 //! * [`model_folder`]: the output of a training, in the field's layout
 //! * [`exposure`]: exposures of the training photographs
 //! * [`checkpoint`]: the state of an interrupted training
 //! * [`budget`]: memory budgets of files, limits of picture sizes
-//! * [`within`]: folders from elsewhere, whose links lead nowhere that is written or removed
+//! * [`within`]: untrusted folders: nothing is written or removed through their links
 //!
 //! ```
 //! use specula_core::scene::{Gaussians, Layout, MEAN, len_of_values};

@@ -9,15 +9,15 @@ use std::path::{Path, PathBuf};
 pub struct LoadOptions {
     /// Factor by which images are made smaller: 1, 2, 4 or 8. Sizes are rounded.
     pub downscale: u32,
-    /// Whether test views are held out; otherwise they are trained on as well.
+    /// True to hold out the test views; otherwise they are also trained on.
     pub with_test: bool,
-    /// Point cloud to start from, in place of the data set's.
+    /// Initial point cloud, instead of the data set's.
     pub points: Option<PathBuf>,
-    /// Folder of images within the data set; lists of paths decide it, unless it is another one
-    /// than [`IMAGES`]. Smaller copies in a folder such as `images_4` are read where there are any.
+    /// Folder of images within the data set; paths in lists override it if it is [`IMAGES`].
+    /// Smaller copies in a folder such as `images_4` are used if there are any.
     pub images: String,
-    /// Every Nth photograph by name, from the first, is held out where the data set names no test
-    /// views; none for 0.
+    /// N to hold out every Nth photograph by name, from the first, if the data set names no test
+    /// views; 0 for none.
     pub test_every: u32,
     /// Origin to which positions are relative, in the world of the data set, such as that of a
     /// model ([`crate::origin`]); by default it follows from the cameras.
@@ -70,7 +70,7 @@ impl Default for LoadOptions {
 }
 
 impl LoadOptions {
-    /// Folder of images that takes the place of the folders in a list's paths.
+    /// Folder of images that replaces the folders in a list's paths.
     pub(crate) fn other_images(&self) -> Option<&Path> {
         (self.images != IMAGES).then_some(Path::new(&self.images))
     }
@@ -78,10 +78,10 @@ impl LoadOptions {
 
 /// Default folder of images.
 pub const IMAGES: &str = "images";
-/// Default N where every Nth photograph is held out, as in the literature.
+/// Default N for holding out every Nth photograph, as in the literature.
 pub const TEST_EVERY: u32 = 8;
 
-/// Content of a data set before any picture is opened.
+/// Listing of a data set before any picture is opened.
 #[derive(Debug, Default)]
 pub(crate) struct Listing {
     pub(crate) train: Vec<Shot>,
@@ -93,7 +93,7 @@ pub(crate) struct Listing {
     pub(crate) notes: Vec<String>,
     /// Rule of the held-out views.
     pub(crate) held_out: String,
-    /// Files that were read, or will be, beside those of the shots.
+    /// Files that are read, other than those of the shots.
     pub(crate) used: Vec<PathBuf>,
 }
 

@@ -1,5 +1,4 @@
-//! Masks of photographs: those that a list names, and those of a folder, by the names of their
-//! pictures.
+//! Masks of photographs: from a list, or from a folder by the names of their pictures.
 
 use crate::{
     error::Result,
@@ -16,7 +15,7 @@ use std::{
 
 /// Names of the folder of masks, in the data set or in its folder of images.
 const FOLDERS: [&str; 2] = ["masks", "mask"];
-/// Ends of names that distinguish masks from their pictures.
+/// Suffixes that distinguish masks from their pictures.
 const ENDS: [&str; 3] = ["_mask", ".mask", "-mask"];
 
 /// Folder of masks of a data set.
@@ -51,7 +50,7 @@ pub(crate) fn assign(
     let without = shots.iter().filter(|(_, shot)| shot.mask.is_none()).count();
     if without > 0 && without < shots.len() {
         let place = masks.as_ref().map_or(String::new(), |masks| format!(" in {:?}", masks.folder));
-        notes.push(format!("{without} of {} pictures have no mask{place} and count in full", shots.len()));
+        notes.push(format!("{without} of {} pictures have no mask{place}; all of their pixels count", shots.len()));
     }
     masks.map(|masks| masks.folder)
 }
@@ -117,7 +116,7 @@ impl Masks {
         masks
     }
 
-    /// Mask of a picture, by its name without folders only where no other picture has it.
+    /// Mask of a picture, by its path, or by its name if that is unique.
     fn of(&self, image: &Path, has_own_name: bool) -> Option<PathBuf> {
         let one = |masks: &HashMap<String, Vec<usize>>, key: &str| only(masks.get(key)?.iter()).copied();
         let by_name = || one(&self.by_name, &name_of(image)).filter(|_| has_own_name);
@@ -129,12 +128,12 @@ impl Masks {
         let (read, unread): (Vec<&PathBuf>, Vec<_>) = self.paths.iter().partition(|path| has_image_ending(path));
         if read.is_empty() {
             notes.push(format!(
-                "{:?} has no mask that can be read; masks are PNG or JPEG, named as the pictures",
+                "{:?} has no readable mask; masks are PNG or JPEG with the names of the pictures",
                 self.folder
             ));
         } else if !unread.is_empty() {
             notes.push(format!(
-                "{} of {} masks in {:?} are of formats that are not read: {}; write them as PNG",
+                "{} of {} masks in {:?} have unsupported formats: {}; convert them to PNG",
                 unread.len(),
                 self.paths.len(),
                 self.folder,
@@ -145,7 +144,8 @@ impl Masks {
         let unused: Vec<&PathBuf> = read.into_iter().filter(is_unused).collect();
         if !unused.is_empty() {
             notes.push(format!(
-                "{} of {} masks in {:?} match no picture, or several, and are not used: {}; name them as the pictures",
+                "{} of {} masks in {:?} are unused, because they match no picture or several: {}; give them the names \
+                 of the pictures",
                 unused.len(),
                 self.paths.len(),
                 self.folder,

@@ -6,7 +6,7 @@ use crate::{
 };
 use std::path::{Path, PathBuf};
 
-/// Least alpha of a pixel that has a material: one half.
+/// Minimum alpha of a pixel with a material: one half.
 pub const ALPHA_MIN: u8 = 128;
 
 /// Ground-truth materials of a view, at the size of its picture.
@@ -16,18 +16,18 @@ pub struct Materials {
     /// dielectrics, the reflectance at normal incidence of metals.
     pub albedo: Option<Pixels>,
     /// Perceptual roughness (red) and metalness (green), 255 for 1, where alpha is at least
-    /// [`ALPHA_MIN`]. Lambertian surfaces, which have neither, are transparent.
+    /// [`ALPHA_MIN`]. Lambertian surfaces have neither and are transparent.
     pub surface: Option<Pixels>,
 }
 
 impl Materials {
-    /// Whether neither is known.
+    /// True if neither is known.
     pub const fn is_empty(&self) -> bool {
         self.albedo.is_none() && self.surface.is_none()
     }
 }
 
-/// Files of the ground-truth materials of a view; none of either where there is no file.
+/// Files of the ground-truth materials of a view, if they exist.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct MaterialFiles {
     /// sRGB-encoded base colour.
@@ -37,8 +37,8 @@ pub(crate) struct MaterialFiles {
 }
 
 impl MaterialFiles {
-    /// Reads both files. `size` is the stored size of the picture, which they share; `finish` makes
-    /// them as small as the view is.
+    /// Reads both files. `size` is the stored size of the picture, which they must have; `finish`
+    /// downscales them like the view.
     ///
     /// # Errors
     ///
@@ -50,14 +50,14 @@ impl MaterialFiles {
     }
 }
 
-/// Reads a picture that has to be of this size.
+/// Reads a picture that must have this size.
 fn sized(path: &Path, expected: [u32; 2]) -> Result<Pixels> {
     let pixels = Pixels::read(path)?;
     let found = [pixels.width, pixels.height];
     if found == expected { Ok(pixels) } else { Err(Error::TruthSize { path: path.to_owned(), found, expected }) }
 }
 
-/// Makes Lambertian surfaces transparent, so that averages leave them out.
+/// Makes Lambertian surfaces transparent, so that averages skip them.
 fn without_lambertian(mut pixels: Pixels) -> Pixels {
     let is_lambertian = |pixel: &[u8]| pixel[2] >= ALPHA_MIN;
     pixels.rgba.chunks_exact_mut(4).filter(|pixel| is_lambertian(pixel)).for_each(|pixel| pixel.fill(0));

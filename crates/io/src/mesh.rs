@@ -23,12 +23,12 @@ pub struct Mesh {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Writes `.obj`, with vertex colours behind positions as most programs read them, or `.ply`, with
-/// `comments` of a line each.
+/// Writes `.obj`, with vertex colours after positions as most programs expect, or `.ply`, with one
+/// line per comment.
 ///
 /// # Errors
 ///
-/// [`Error::Ending`] for other extensions, [`Error::Write`] where the file cannot be written.
+/// [`Error::Ending`] for other extensions, [`Error::Write`] if the file cannot be written.
 pub fn write(path: &Path, mesh: &Mesh, comments: &[String]) -> Result<()> {
     let count = mesh.positions.len();
     assert!(mesh.normals.len() == count && mesh.colors.len() == count, "each vertex has a normal and a colour");

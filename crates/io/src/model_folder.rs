@@ -18,8 +18,8 @@
 //! Files in these folders may be links to files elsewhere. Folders that are links are not written
 //! to ([`within`]). `results.lock` is locked while results are changed.
 //!
-//! `specula.json` names the shading function of the numbers and lists the iterations that were
-//! saved, the newest last, so that an older training of the same folder is not opened by mistake.
+//! `specula.json` names the shading function and lists the saved iterations, the newest last, so
+//! that an older training in the same folder is not opened by mistake.
 
 use crate::{
     budget::FACTS,
@@ -54,7 +54,7 @@ const HDR_RESOLUTION: usize = 512;
 
 /// Relative error of RGBE, which rounds all channels of a pixel to steps of 1/256 of the largest.
 const RGBE_ERROR: f64 = 0.02;
-/// Files of a training beside its models, exposures and checkpoint.
+/// Files of a training other than its models, exposures and checkpoint.
 const FILES: [&str; 8] = [INFO, RESULTS, PER_VIEW, TIMELINE, "cameras.json", "input.ply", "cfg_args", "config.toml"];
 /// File of the training's settings.
 const INFO: &str = "specula.json";
@@ -66,9 +66,9 @@ const PER_VIEW: &str = "per_view.json";
 const IDENTITY_METRIC: &str = "PSNR";
 /// File of metrics over the course of a training.
 const TIMELINE: &str = "timeline.json";
-/// File that is locked while those of metrics are read, changed and written.
+/// File that is locked while files of metrics are read, changed and written.
 const RESULTS_LOCK: &str = "results.lock";
-/// Folders of which each iteration has one.
+/// Folders with a subfolder for each iteration.
 const ITERATIONS: [&str; 3] = ["point_cloud", "light", "brdf_mlp"];
 
 /// Description of a model in `specula.json`: settings of its training and further facts.
@@ -93,7 +93,7 @@ pub struct ModelInfo {
     pub source_path: String,
     /// Seed of all random numbers.
     pub seed: u64,
-    /// Orientation of the scene in the data set's world; none in models of earlier versions, and
+    /// Orientation of the scene in the data set's world; `None` in models of earlier versions, and
     /// without cameras.
     #[serde(alias = "bearings", skip_serializing_if = "Option::is_none")]
     pub orientation: Option<Orientation>,
@@ -108,16 +108,16 @@ pub struct ModelInfo {
     pub rest: Map<String, Value>,
 }
 
-/// State of a model to be saved.
+/// Model to be saved.
 #[derive(Clone, Copy, Debug)]
 pub struct Snapshot<'a> {
     /// The Gaussians.
     pub gaussians: &'a Gaussians<Vec<f32>>,
     /// Comment lines of the PLY header.
     pub comments: &'a [String],
-    /// The light; none for plain Gaussian splatting.
+    /// Light; `None` for plain Gaussian splatting.
     pub light: Option<&'a Environment<Vec<f32>>>,
-    /// Surface that reflected rays may meet; none where they leave for the far light.
+    /// Surface that reflected rays may hit; `None` if they see only the distant light.
     pub near_field: Option<&'a NearField<Vec<f32>>>,
     /// Settings.
     pub info: &'a ModelInfo,
@@ -133,16 +133,16 @@ pub struct Model {
     pub comments: Vec<String>,
     /// Notes on parts of their file that are not taken as they are, a sentence each.
     pub notes: Vec<String>,
-    /// Light as radiance ([`RadianceActivation::Identity`]), or as a network; none for plain
+    /// Light as radiance ([`RadianceActivation::Identity`]), or as a network; `None` for plain
     /// Gaussian splatting.
     pub light: Option<Environment<Vec<f32>>>,
-    /// Surface that reflected rays may meet; none where they leave for the far light.
+    /// Surface that reflected rays may hit; `None` if they see only the distant light.
     pub near_field: Option<NearField<Vec<f32>>>,
-    /// Whether the light is a `brdf_mlp.hdr` that replaced the saved one.
+    /// True if the light is a `brdf_mlp.hdr` that replaced the saved one.
     pub is_relit: bool,
-    /// Settings; none for models of other programs.
+    /// Settings; `None` for models of other programs.
     pub info: Option<ModelInfo>,
-    /// Iteration; none for a PLY file outside of a model folder.
+    /// Iteration; `None` for a PLY file outside of a model folder.
     pub iteration: Option<u32>,
 }
 
@@ -151,7 +151,7 @@ pub struct Model {
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where a file cannot be written.
+/// [`Error::Write`] if a file cannot be written.
 pub fn save_inputs(
     folder: &Path,
     train: &[NamedCamera],
@@ -165,15 +165,15 @@ pub fn save_inputs(
     whole_file::write_bytes(&folder.join("cfg_args"), namespace(cfg_args).as_bytes())
 }
 
-/// Removes temporary files of killed programs. A missing folder is no error.
+/// Removes temporary files of killed programs. Does nothing if the folder does not exist.
 pub fn remove_unfinished(folder: &Path) {
     // The deepest folder with temporary files is point_cloud/iteration_N.
     const LEVELS: usize = 2;
     whole_file::remove_unfinished(folder, LEVELS);
 }
 
-/// Refuses a folder whose models are in folders elsewhere, which links lead to, or that has folders
-/// or pipes in the places of files.
+/// Rejects a folder with links to folders elsewhere, or with folders or pipes in the places of
+/// files.
 ///
 /// # Errors
 ///
@@ -194,11 +194,11 @@ pub fn refuse_links_in(folder: &Path) -> Result<()> {
     }
 }
 
-/// Writes a model at an iteration, which becomes the newest. Earlier iterations are kept.
+/// Writes a model as the newest iteration. Earlier iterations are kept.
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where a file cannot be written; [`Error::Link`].
+/// [`Error::Write`] if a file cannot be written; [`Error::Link`].
 pub fn save(folder: &Path, iteration: u32, snapshot: &Snapshot<'_>) -> Result<()> {
     refuse_links_in(folder)?;
     let mut saved = saved_or_none(folder);
@@ -216,11 +216,11 @@ pub fn save(folder: &Path, iteration: u32, snapshot: &Snapshot<'_>) -> Result<()
     gaussian_ply::write(&gaussians_at(folder, iteration), snapshot.gaussians, snapshot.comments)
 }
 
-/// Writes `specula.json` alone.
+/// Writes only `specula.json`.
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where the file cannot be written.
+/// [`Error::Write`] if the file cannot be written.
 pub fn save_info(folder: &Path, info: &ModelInfo) -> Result<()> {
     write_info(folder, &ModelInfo { saved: saved_or_none(folder), ..info.clone() })
 }
@@ -229,8 +229,7 @@ fn write_info(folder: &Path, info: &ModelInfo) -> Result<()> {
     json::write(&folder.join(INFO), info)
 }
 
-/// Saved iterations; none where `specula.json` cannot be read, since saving a model must not fail
-/// for it.
+/// Saved iterations; empty if `specula.json` cannot be read, since that must not prevent saving.
 fn saved_or_none(folder: &Path) -> Vec<u32> {
     saved_iterations(folder).unwrap_or_default()
 }
@@ -252,7 +251,7 @@ pub fn holds_training(folder: &Path) -> bool {
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where a file cannot be removed; [`Error::Link`].
+/// [`Error::Write`] if a file cannot be removed; [`Error::Link`].
 pub fn remove_training(folder: &Path) -> Result<()> {
     refuse_links_in(folder)?;
     // Gaussians go first, so that a half-removed model cannot be opened.
@@ -270,7 +269,7 @@ pub fn remove_training(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Paths of the files of a training beside its models.
+/// Paths of the files of a training other than its models.
 fn files_of(folder: &Path) -> impl Iterator<Item = PathBuf> {
     let others = [exposure::path_in(folder), checkpoint::path_in(folder)];
     FILES.map(|name| folder.join(name)).into_iter().chain(others)
@@ -281,12 +280,12 @@ fn is_of_method(folder: &Path) -> bool {
     name.strip_prefix("ours_").is_some_and(|rest| rest.starts_with(|digit: char| digit.is_ascii_digit()))
 }
 
-/// Subfolders without symbolic links; none where the folder cannot be read.
+/// Subfolders without symbolic links; empty if the folder cannot be read.
 fn folders_in(folder: &Path) -> Vec<PathBuf> {
     entries_in(folder).filter(|path| path.is_dir() && !path.is_symlink()).collect()
 }
 
-/// Paths of what is in a folder; none where it cannot be read.
+/// Paths of a folder's entries; empty if it cannot be read.
 fn entries_in(folder: &Path) -> impl Iterator<Item = PathBuf> {
     fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path())
 }
@@ -332,8 +331,8 @@ pub fn save_quality(folder: &Path, method: &str, quality: &Quality) -> Result<()
     file_quality(folder, method, quality, Map::new(), [Map::new(), Map::new()])
 }
 
-/// Adds metrics to a method's earlier ones, which are kept if they are of the same pictures;
-/// `facts` are written to `results.json` as well.
+/// Adds metrics to a method's earlier ones, which are kept if they are of the same pictures; also
+/// writes `facts` to `results.json`.
 ///
 /// # Errors
 ///
@@ -349,8 +348,7 @@ pub fn add_quality(folder: &Path, method: &str, quality: &Quality, facts: Map<St
     file_quality(folder, method, quality, facts, [means, per_view])
 }
 
-/// Keeps other programs from changing the metrics of a folder until it is dropped; nothing where
-/// the file system has no locks.
+/// Lock on the metrics of a folder until it is dropped; `None` if the file system has no locks.
 fn lock_results(folder: &Path) -> Result<Option<fs::File>> {
     within::wait_for_lock(&folder.join(RESULTS_LOCK))
 }
@@ -374,7 +372,7 @@ fn means_of(quality: &Quality) -> Map<String, Value> {
     quality.iter().map(|(measure, mean, _)| (measure.clone(), (*mean).into())).collect()
 }
 
-/// Entry of a method in a file of the folder; empty where there is none.
+/// Entry of a method in a file of the folder; empty if there is none.
 fn read_method(folder: &Path, name: &str, method: &str) -> Result<Map<String, Value>> {
     let mut all = read_all(&folder.join(name))?;
     Ok(match all.remove(method) {
@@ -407,13 +405,13 @@ fn write(path: &Path, method: &str, value: Map<String, Value>) -> Result<()> {
     json::write(path, &all)
 }
 
-/// Entries of all methods; empty where the file does not exist.
+/// Entries of all methods; empty if the file does not exist.
 fn read_all(path: &Path) -> Result<Map<String, Value>> {
     if holds(path)? { json::read(path, &FACTS) } else { Ok(Map::new()) }
 }
 
-/// Newest iteration of a model: the last one of `specula.json`, or the highest on disk where it
-/// lists none.
+/// Newest iteration of a model: the last one of `specula.json`, or the highest on disk if it lists
+/// none.
 ///
 /// # Errors
 ///
@@ -441,8 +439,8 @@ fn highest_on_disk(folder: &Path) -> io::Result<Option<u32>> {
 /// Opens the newest iteration of a model, one of its folders `point_cloud/iteration_N`, or a PLY
 /// file, with its light and settings.
 ///
-/// Models of GaussianShader, which have only `brdf_mlp.hdr`, get their light from it; so do models
-/// whose `brdf_mlp.hdr` was replaced by another map, as relighting commonly does.
+/// The light is read from `brdf_mlp.hdr` if there is no other light, as in models of
+/// GaussianShader, or if that file was replaced by another map, a common way to relight.
 ///
 /// # Errors
 ///
@@ -455,7 +453,7 @@ pub fn open(path: &Path) -> Result<Model> {
     }
 }
 
-/// Gaussians in a folder `point_cloud/iteration_N` of a model; none in other folders.
+/// Gaussians in a folder `point_cloud/iteration_N` of a model; `None` in other folders.
 pub fn gaussians_in(folder: &Path) -> Option<PathBuf> {
     iteration_of(folder)?;
     Some(folder.join("point_cloud.ply")).filter(|path| path.is_file())
@@ -503,7 +501,7 @@ fn open_ply(path: &Path) -> Result<Model> {
     })
 }
 
-/// Model folder and iteration of a PLY file inside of one.
+/// Model folder and iteration of a PLY file in a model folder.
 fn model_around(path: &Path) -> Option<(PathBuf, u32)> {
     let path = path.canonicalize().ok()?;
     let iteration = iteration_of(path.parent()?)?;
@@ -516,7 +514,7 @@ fn iteration_of(folder: &Path) -> Option<u32> {
     folder.file_name()?.to_str()?.strip_prefix("iteration_")?.parse().ok()
 }
 
-/// Reads `specula.json`; none where another program trained the model.
+/// Reads `specula.json`; `None` if another program trained the model.
 ///
 /// # Errors
 ///
@@ -559,7 +557,7 @@ fn is_of(light: &Environment<Vec<f32>>, map: &LatLong) -> bool {
     let stored = latlong::from_cube(&radiance_of(light), light.resolution, width, height, UpAxis::Y);
     let radiance = stored.rgb.iter().map(|radiance| f64::from(*radiance));
     let differences = stored.rgb.iter().zip(&map.rgb).map(|(one, other)| f64::from((one - other).abs()));
-    // The comparison is false for NaN, which an infinite radiance yields: that is no replacement.
+    // The comparison is false for NaN, from infinite radiance: the saved light is kept.
     !(differences.sum::<f64>() > RGBE_ERROR * radiance.sum::<f64>())
 }
 

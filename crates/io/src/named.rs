@@ -1,9 +1,8 @@
-//! Files of a data set, found by the names that lists give them, whatever system wrote these.
+//! Files of a data set, found by the names in lists, whichever system wrote the lists.
 //!
-//! A name counts as it stands, if its file is there. Else separators, drives, `.` and `..`, case,
-//! forms of Unicode and the endings of pictures are read as any system means them; and a folder
-//! that the data set does not have loses its leading parts. Where that leaves several files, none
-//! is guessed.
+//! An existing file is used as named. Otherwise separators, drives, `.` and `..`, case, Unicode
+//! normalisation and picture extensions of any system are accepted, and leading folders that the
+//! data set does not have are dropped. If several files match, none is chosen.
 
 use crate::{
     shot::{IMAGE_ENDINGS, find_image, has_image_ending},
@@ -17,42 +16,42 @@ use std::{
 use unicode_normalization::UnicodeNormalization;
 use walkdir::{DirEntry, WalkDir};
 
-/// Most files that are looked at, and the depth to which they are.
+/// Maximum number and depth of files that are searched.
 const FILES_MAX: usize = 1 << 20;
 const DEPTH_MAX: usize = 8;
-/// Endings of pictures and videos that are not read, so that they are not called missing.
+/// Extensions of unsupported pictures and videos, which are not reported as missing.
 const UNREAD_ENDINGS: [&str; 24] = [
     "tif", "tiff", "heic", "heif", "avif", "jxl", "jp2", "jfif", "bmp", "gif", "exr", "hdr", "dng", "cr2", "cr3",
     "nef", "arw", "raf", "orf", "rw2", "mp4", "mov", "mkv", "avi",
 ];
 
-/// Reason for which a picture has no file.
+/// Reason why a picture has no file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Absent {
     /// No file has its name.
     Missing,
-    /// Several files may be meant.
+    /// Several files match.
     Ambiguous,
-    /// This file has its name, in a format that is not read.
+    /// A file with its name has an unsupported format.
     Unread(PathBuf),
 }
 
-/// Files and folders below a folder. Hidden ones and trained models are left out.
+/// Files and folders below a folder. Hidden files and trained models are skipped.
 #[derive(Debug)]
 pub(crate) struct Files {
     pub(crate) root: PathBuf,
     /// Paths of files below the root, in the order of their names.
     pub(crate) paths: Vec<PathBuf>,
-    /// Paths of entries that cannot be opened, such as links that lead nowhere.
+    /// Paths of entries that cannot be opened, such as broken links.
     pub(crate) broken: Vec<PathBuf>,
-    /// Indices of files by their key without the endings of pictures.
+    /// Indices of files by their key without picture extensions.
     by_stem: HashMap<String, Vec<usize>>,
     /// Folders by their key.
     folders: HashMap<String, PathBuf>,
 }
 
 impl Files {
-    /// Looks through a folder.
+    /// Searches a folder.
     pub(crate) fn below(root: &Path) -> Self {
         let mut files = Self {
             root: root.to_owned(),
@@ -118,8 +117,8 @@ impl Files {
         only(alike.filter(|path| key_of(path) == key)).map(|path| self.root.join(path))
     }
 
-    /// Folder, none of masks, that has pictures by this path: below it, or in a copy such as
-    /// `images_4` of its own folder; the first by name.
+    /// First folder by name, other than of masks, with a picture at this path: below it, or in a
+    /// copy such as `images_4` of its folder.
     pub(crate) fn folder_with(&self, named: &Path) -> Option<PathBuf> {
         let (key, own) = (key_of(named), key_of(named.parent()?));
         let stem = |key: &str| stem_of(key).to_owned();
@@ -140,8 +139,8 @@ impl Files {
         key_of(path.strip_prefix(&self.root).unwrap_or(path))
     }
 
-    /// Paths below `base` of pictures that a list names; those without a file as they are named.
-    /// `images` is the folder of images below `base`. Names whose folder is none of the data set's
+    /// Paths below `base` of the pictures in a list; those without a file keep their names.
+    /// `images` is the folder of images below `base`. Names with folders outside of the data set
     /// are noted.
     pub(crate) fn placed_all<'a>(
         &self,
@@ -161,28 +160,28 @@ impl Files {
         let paths = written.map(place).collect();
         if let Some((name, path)) = moved.first() {
             let others =
-                if moved.len() > 1 { format!(", and {} others likewise", moved.len() - 1) } else { String::new() };
-            notes.push(format!("{name:?} is in no folder of the data set, and {path:?} was taken{others}"));
+                if moved.len() > 1 { format!(", and the same for {} others", moved.len() - 1) } else { String::new() };
+            notes.push(format!("{name:?} is not in a folder of the data set; using {path:?}{others}"));
         }
         paths
     }
 
-    /// File that a list names, if it is there.
+    /// File named by a list, if it exists.
     pub(crate) fn named_file(&self, written: &str) -> Option<PathBuf> {
         let (path, _) = self.placed(Path::new(""), Path::new(""), written, |path| self.file(path).is_some());
         self.file(&path)
     }
 
-    /// Mask that a list names.
+    /// Mask named by a list.
     pub(crate) fn named_mask(&self, written: &str) -> Result<PathBuf, Absent> {
-        // Without its folder, the name may be that of the picture.
+        // Without its folder, the name may match the picture.
         let has_folder = |path: &Path| path.parent().is_some_and(|folder| !folder.as_os_str().is_empty());
         let is_there = |path: &Path| has_folder(path) && self.picture(path).is_ok();
         let (path, _) = self.placed(Path::new(""), Path::new(""), written, is_there);
         self.picture(&path)
     }
 
-    /// Path below `base` at which a name has its file, and whether leading parts were taken off.
+    /// Path below `base` of a named file, and whether leading parts were removed.
     fn placed(&self, base: &Path, images: &Path, written: &str, is_there: impl Fn(&Path) -> bool) -> (PathBuf, bool) {
         let literal = Path::new(written.trim_start_matches("./"));
         if is_there(&base.join(literal)) {
@@ -206,7 +205,7 @@ fn is_of_data_set(entry: &DirEntry) -> bool {
     entry.depth() == 0 || !(is_hidden || entry.path().join("specula.json").is_file())
 }
 
-/// The only item, if there is one and no other.
+/// The only item, if there is exactly one.
 pub(crate) fn only<T>(mut items: impl Iterator<Item = T>) -> Option<T> {
     items.next().filter(|_| items.next().is_none())
 }
@@ -229,14 +228,14 @@ pub(crate) fn plain_path(written: &str) -> PathBuf {
     parts.into_iter().collect()
 }
 
-/// Key under which paths are equal that differ in case or in the form of their Unicode.
+/// Key of a path, equal for paths that differ only in case or Unicode normalisation.
 pub(crate) fn key_of(path: &Path) -> String {
     let parts = path.components().filter(|part| matches!(part, Component::Normal(_) | Component::ParentDir));
     let parts: Vec<_> = parts.map(|part| part.as_os_str().to_string_lossy()).collect();
     parts.join("/").nfc().collect::<String>().to_lowercase()
 }
 
-/// Key without the endings of pictures, of which there may be two: `a.jpg.png`.
+/// Key without picture extensions, of which there may be two: `a.jpg.png`.
 pub(crate) fn stem_of(key: &str) -> &str {
     let mut stem = key;
     while let Some((rest, ending)) = stem.rsplit_once('.')
@@ -257,7 +256,7 @@ pub fn is_picture(path: &Path) -> bool {
     has_image_ending(path) || has_ending(path, &UNREAD_ENDINGS)
 }
 
-/// Format of a file that no picture is read from, by its first bytes.
+/// Unsupported picture format of a file, by its first bytes.
 pub(crate) fn unread_format(path: &Path) -> Option<&'static str> {
     let mut start = [0; 12];
     within::open(path).ok()?.read_exact(&mut start).ok()?;
@@ -291,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_ignore_case_and_form_and_endings() {
+    fn keys_ignore_case_normalisation_and_extensions() {
         assert_eq!(key_of(Path::new("Images/Cafe\u{301}.JPG")), "images/caf\u{e9}.jpg");
         for name in ["a.b.png", "a.b.jpg.png", "a.b.heic", "a.b"] {
             assert_eq!(stem_of(name), "a.b");

@@ -1,4 +1,4 @@
-//! Near field of a model: `near_field.safetensors` beside its light.
+//! Near field of a model: `near_field.safetensors` next to its light.
 //!
 //! ```text
 //! nodes [N, 8], triangles [T, 4], vertices [V, 16]   f32; see specula_core::near_field
@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use specula_core::near_field::{NODE_LEN, NearField, TRIANGLE_LEN, VERTEX_LEN};
 use std::{collections::HashMap, path::Path};
 
-/// Version of the format; it changes when older programs would misread a file.
+/// Version of the format; incremented when older programs would misread a file.
 const FORMAT: u32 = 1;
 /// Key of specula's entry in the metadata.
 const KEY: &str = "specula";
@@ -33,7 +33,7 @@ struct Header {
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where the file cannot be written.
+/// [`Error::Write`] if the file cannot be written.
 pub(crate) fn write(path: &Path, near_field: &NearField<Vec<f32>>) -> Result<()> {
     let refuse = |cause: &dyn core::fmt::Display| broken(path, cause);
     let bytes: Vec<u8> = near_field.values.iter().flat_map(|number| number.to_le_bytes()).collect();
@@ -64,17 +64,20 @@ pub(crate) fn read(path: &Path) -> Result<NearField<Vec<f32>>> {
     let refuse = |cause: &dyn core::fmt::Display| broken(path, cause);
     let bytes = SCENE.read(path)?;
     let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(|error| refuse(&error))?;
-    let ours =
-        metadata.metadata().as_ref().and_then(|all| all.get(KEY)).ok_or_else(|| refuse(&"it is not of specula"))?;
+    let ours = metadata
+        .metadata()
+        .as_ref()
+        .and_then(|all| all.get(KEY))
+        .ok_or_else(|| refuse(&"it was not written by specula"))?;
     let Header { format, offset } = serde_json::from_str(ours).map_err(|error| refuse(&error))?;
     if format != FORMAT {
-        return Err(refuse(&format_args!("it is of format {format}, and this program knows format {FORMAT}")));
+        return Err(refuse(&format_args!("it has format {format}, but this program reads format {FORMAT}")));
     }
     let file = SafeTensors::deserialize(&bytes).map_err(|error| refuse(&error))?;
     let (mut sizes, mut values) = ([0; 3], Vec::new());
     for ((name, len), size) in TENSORS.into_iter().zip(&mut sizes) {
         let tensor = file.tensor(name).map_err(|error| refuse(&error))?;
-        let [rows, columns] = tensor.shape() else { return Err(refuse(&format_args!("{name:?} is no table"))) };
+        let [rows, columns] = tensor.shape() else { return Err(refuse(&format_args!("{name:?} is not a table"))) };
         if tensor.dtype() != Dtype::F32 || *columns != len {
             let (dtype, found) = (tensor.dtype(), tensor.shape());
             return Err(refuse(&format_args!("{name:?} is {dtype} {found:?} rather than F32 [rows, {len}]")));

@@ -53,18 +53,18 @@ pub(crate) fn list_of(mut transforms: Transforms, files: &Files, options: &LoadO
 
 /// Images that a file's lists name, by their keys.
 struct Split {
-    /// Images to train on; none where the file does not say.
+    /// Images to train on; `None` if the file has no list.
     train: Option<HashSet<String>>,
     held_out: HashSet<String>,
 }
 
 impl Split {
-    /// Lists of training and of test views; none if the file has neither. Names that are those of
-    /// no frame are noted.
+    /// Lists of training and of test views; `None` if the file has neither. Names without a frame
+    /// are noted.
     ///
     /// # Errors
     ///
-    /// [`Error::Place`], where all of the training names are.
+    /// [`Error::Place`] if no training name has a frame.
     fn of(
         transforms: &Transforms,
         files: &Files,
@@ -78,7 +78,7 @@ impl Split {
             let unknown = || names.iter().zip(&places).filter(|(_, place)| !frames.contains(&split_key(place)));
             let unknown: Vec<&String> = unknown().map(|(name, _)| name).collect();
             if !unknown.is_empty() {
-                notes.push(format!("{} names of {key} are those of no frame: {}", unknown.len(), some_of(&unknown)));
+                notes.push(format!("{} names of {key} have no frame: {}", unknown.len(), some_of(&unknown)));
             }
             places.iter().map(|place| split_key(place)).filter(|key| frames.contains(key)).collect::<HashSet<String>>()
         };
@@ -109,7 +109,7 @@ fn leave_out_unnamed(transforms: &mut Transforms, places: &mut Vec<PathBuf>, spl
     places.retain(|place| is_named(place));
     let left_out = all - places.len();
     if left_out > 0 {
-        notes.push(format!("skipped {left_out} frames that are not named for training or testing"));
+        notes.push(format!("skipped {left_out} frames that are neither in the training nor in the test list"));
     }
 }
 
@@ -124,8 +124,7 @@ fn shared_folder(places: &[PathBuf]) -> PathBuf {
     shared.filter(|shared| places.iter().all(|place| first(place).as_ref() == Some(shared))).unwrap_or_default()
 }
 
-/// Points in the world of the frames: those that the file names, or COLMAP's under the file's
-/// transform.
+/// Points in the world of the frames: from the named file, or COLMAP's under the file's transform.
 fn points(
     transforms: &Transforms,
     files: &Files,
@@ -146,7 +145,7 @@ fn points(
     Ok(Some(points))
 }
 
-/// Points that a list of cameras names.
+/// Points named by a list of cameras.
 pub(crate) fn named_points(
     transforms: &Transforms,
     files: &Files,
@@ -158,7 +157,7 @@ pub(crate) fn named_points(
     };
     let Some(path) = files.named_file(name) else {
         let list = transforms.path();
-        listing.notes.push(format!("{name:?}, which {list:?} names for its points, is not there"));
+        listing.notes.push(format!("{name:?}, the point cloud of {list:?}, does not exist"));
         return Ok(None);
     };
     let points = points_ply::read_noting(&path, &mut listing.notes)?;

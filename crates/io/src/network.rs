@@ -1,4 +1,4 @@
-//! Light that is a network: `network.safetensors` beside the light of a model.
+//! Light as a network: `network.safetensors` next to the light of a model.
 //!
 //! ```text
 //! layer1.weight [34, 64], layer1.bias [64]   f32, inputs by outputs
@@ -8,8 +8,8 @@
 //! ```
 //!
 //! [`specula_core::light_network`] describes the inputs; e to the power of an output is radiance.
-//! The light beside it, `environment.exr`, is the network at roughness 0 in the texels of the
-//! resolution. Programs that do not know the network show that light.
+//! `environment.exr` next to it contains the network's values at roughness 0, for programs that do
+//! not support the network.
 
 use crate::{
     budget::FACTS,
@@ -25,14 +25,14 @@ use specula_core::{
 };
 use std::{collections::HashMap, path::Path};
 
-/// Version of the format; it changes when older programs would misread a file.
+/// Version of the format; incremented when older programs would misread a file.
 const FORMAT: u32 = 1;
 /// Key of specula's entry in the metadata.
 const KEY: &str = "specula";
-/// Largest difference of a network from the light beside it, as a share of all radiance:
+/// Largest difference between a network and `environment.exr`, as a share of all radiance:
 /// exponentials of other machines differ in the last place.
 const SAME_LIGHT: f64 = 1e-3;
-/// Name and inputs and outputs of each layer.
+/// Name, inputs and outputs of each layer.
 const LAYERS: [(&str, [usize; 2]); 3] =
     [("layer1", [ENCODING, WIDTH]), ("layer2", [WIDTH, WIDTH]), ("layer3", [WIDTH, CHANNELS])];
 
@@ -40,7 +40,7 @@ const LAYERS: [(&str, [usize; 2]); 3] =
 #[derive(Serialize, Deserialize)]
 struct Header {
     format: u32,
-    /// Texels along an edge of a face, in which it is evaluated.
+    /// Texels along an edge of a face.
     resolution: usize,
 }
 
@@ -59,7 +59,7 @@ fn tensors() -> impl Iterator<Item = (String, Vec<usize>, core::ops::Range<usize
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where the file cannot be written.
+/// [`Error::Write`] if the file cannot be written.
 pub(crate) fn write(path: &Path, light: &Environment<Vec<f32>>) -> Result<()> {
     let refuse = |cause: &dyn core::fmt::Display| broken(path, cause);
     let bytes: Vec<u8> = light.values.iter().flat_map(|weight| weight.to_le_bytes()).collect();
@@ -75,7 +75,7 @@ pub(crate) fn write(path: &Path, light: &Environment<Vec<f32>>) -> Result<()> {
     whole_file::write_bytes(path, &file.map_err(|error| refuse(&error))?)
 }
 
-/// Reads the network of a light, and compares it with the texels beside it.
+/// Reads the network of a light, and compares it with `environment.exr`.
 ///
 /// # Errors
 ///
@@ -94,18 +94,21 @@ pub(crate) fn read_beside(path: &Path, beside: &Environment<Vec<f32>>) -> Result
     if is_same {
         return Ok(light);
     }
-    Err(broken(path, &"environment.exr beside it is another light; remove the one that is not wanted"))
+    Err(broken(path, &"environment.exr next to it is another light; remove one of them"))
 }
 
 fn read(path: &Path) -> Result<Environment<Vec<f32>>> {
     let refuse = |cause: &dyn core::fmt::Display| broken(path, cause);
     let bytes = FACTS.read(path)?;
     let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(|error| refuse(&error))?;
-    let ours =
-        metadata.metadata().as_ref().and_then(|all| all.get(KEY)).ok_or_else(|| refuse(&"it is not of specula"))?;
+    let ours = metadata
+        .metadata()
+        .as_ref()
+        .and_then(|all| all.get(KEY))
+        .ok_or_else(|| refuse(&"it was not written by specula"))?;
     let Header { format, resolution } = serde_json::from_str(ours).map_err(|error| refuse(&error))?;
     if format != FORMAT {
-        return Err(refuse(&format_args!("it is of format {format}, and this program knows format {FORMAT}")));
+        return Err(refuse(&format_args!("it has format {format}, but this program reads format {FORMAT}")));
     }
     if !(1..=NETWORK_RESOLUTION_MAX).contains(&resolution) {
         return Err(refuse(&format_args!("its resolution is {resolution}, not 1 to {NETWORK_RESOLUTION_MAX}")));

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// Largest deviation from length 1 of an up direction that is still a unit vector.
+/// Largest deviation of a unit up direction from length 1.
 const UNIT_TOLERANCE: f64 = 1e-4;
 
 /// Up direction, centre and viewing distance of a scene in world space, and the evidence for them.
@@ -22,7 +22,7 @@ pub struct Orientation {
     pub cameras: usize,
     /// Number of their pictures that lie on their side or upside down.
     pub rolled: usize,
-    /// Standard error of the up direction in degrees; none where pictures do not determine it.
+    /// Standard error of the up direction in degrees; `None` if the pictures do not determine it.
     pub error_degrees: Option<f64>,
 }
 
@@ -34,9 +34,9 @@ pub enum UpSource {
     Upright,
     /// Level pictures of cameras that look down.
     Height,
-    /// Level pictures alone: the sum of their up directions chooses the sign.
+    /// Level pictures only: the sum of their up directions determines the sign.
     Level,
-    /// Mean up direction of the pictures: cameras are too few or too much alike for a fit.
+    /// Mean up direction of the pictures: too few or too similar cameras for a fit.
     Mean,
     /// No common up direction: the reverse of the common view direction, or else +z.
     Nothing,

@@ -1,18 +1,17 @@
 //! Origin of a scene in the world of its data set.
 //!
-//! Positions are `f32`, with 24 bits. In metres of a map projection (UTM) or around the Earth's
-//! centre (ECEF) the last of them are steps of half a metre, so that cameras far from the origin of
+//! Positions are `f32`, with 24 bits. In metres of a map projection (UTM) or relative to the
+//! Earth's centre (ECEF) their steps are up to half a metre, so cameras far from the origin of
 //! their world are moved to it before their positions become `f32`. A model stores positions
 //! relative to its origin.
 
 use glam::DVec3;
 use serde::{Deserialize, Deserializer, de::Error as _};
 
-/// Distance of the cameras' mean from the origin, relative to their spread, from which positions
-/// are moved: rounding is 1e-6 of the spread there, and about as large as the last steps of a
-/// training.
+/// Distance of the cameras' mean from the origin, relative to their spread, above which positions
+/// are moved: there rounding is 1e-6 of the spread, about the size of the last steps of a training.
 const FAR: f64 = 8.0;
-/// Step of positions, relative to the cameras' distance from their origin, from which it is noted.
+/// Step of positions, relative to the cameras' distance from their origin, above which it is noted.
 const COARSE: f64 = 1e-5;
 /// Start of the comment of a PLY file.
 const COMMENT: &str = "origin ";
@@ -20,7 +19,7 @@ const COMMENT: &str = "origin ";
 const ORIGIN_MAX: f64 = 1e30;
 
 /// Origin of a data set with cameras at these positions: their mean, rounded to a power of ten
-/// below their spread; zero where they are not far from the origin.
+/// below their spread; zero if they are not far from the origin.
 pub(crate) fn of_cameras(positions: &[DVec3]) -> [f64; 3] {
     let count = positions.len().max(1) as f64;
     let mean = positions.iter().fold(DVec3::ZERO, |sum, position| sum + *position / count);
@@ -34,19 +33,19 @@ pub(crate) fn of_cameras(positions: &[DVec3]) -> [f64; 3] {
     Some(rounded.to_array()).filter(is_usable).unwrap_or_default()
 }
 
-/// Largest distance from a place; 1 where all positions are there.
+/// Largest distance from a point; 1 if all positions are equal to it.
 fn spread(positions: &[DVec3], from: DVec3) -> f64 {
     let spread = positions.iter().map(|position| position.distance(from)).fold(0.0, f64::max);
     if spread > 0.0 { spread } else { 1.0 }
 }
 
-/// Note on positions whose steps, as doubles far from the origin of their world, are coarse beside
-/// the cameras' spread.
+/// Note on positions whose steps, as doubles far from the origin of their world, are coarse
+/// relative to the cameras' spread.
 pub(crate) fn note_coarse(origin: [f64; 3], positions: &[DVec3]) -> Option<String> {
     let most = DVec3::from(origin).abs().max_element();
     let step = most.next_up() - most;
     (step > COARSE * spread(positions, DVec3::ZERO)).then(|| {
-        format!("positions are so far from 0 0 0 that doubles have steps of {step} there; write them nearer to it")
+        format!("positions are so far from 0 0 0 that doubles have steps of {step} there; move them nearer to it")
     })
 }
 
@@ -65,7 +64,7 @@ pub(crate) fn read<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 3], D::Er
     let origin = <[f64; 3]>::deserialize(from)?;
     match is_usable(&origin) {
         true => Ok(origin),
-        false => Err(D::Error::custom(format_args!("the origin {origin:?} is beyond {ORIGIN_MAX:e} units"))),
+        false => Err(D::Error::custom(format_args!("the origin {origin:?} exceeds {ORIGIN_MAX:e} units"))),
     }
 }
 
@@ -74,7 +73,7 @@ pub fn is_zero(origin: &[f64; 3]) -> bool {
     *origin == [0.0; 3]
 }
 
-/// Comment of a PLY file; none where positions are those of the data set's world.
+/// Comment of a PLY file; `None` if positions are in the data set's world.
 pub fn comment(origin: [f64; 3]) -> Option<String> {
     let [x, y, z] = origin;
     (!is_zero(&origin)).then(|| format!("{COMMENT}{x} {y} {z}"))

@@ -1,11 +1,11 @@
 //! Listing of photographs from lists of cameras: a folder of images, optional smaller copies and
-//! masks beside it, and held-out views.
+//! masks, and held-out views.
 //!
 //! A data set becomes a list of shots, each with a file, a pose and a lens, before any picture is
-//! opened. Shots are then opened, masked, reduced and undistorted, so that executors only see
-//! pinholes and no kernel knows a lens. COLMAP addresses pixels as stored; EXIF orientation is
-//! applied only where a picture has the shape of its camera after rotation, and not before.
-//! Pictures remain bytes throughout; reducing one needs a row of sums.
+//! opened. Shots are then opened, masked, reduced and undistorted, so executors and kernels only
+//! see pinhole cameras. COLMAP addresses pixels as stored; EXIF orientation is applied only if a
+//! picture has the aspect ratio of its camera after rotation and not before. Pictures remain bytes
+//! throughout; reducing one needs a row of sums.
 
 use crate::{
     error::{Error, Result},
@@ -22,9 +22,9 @@ use std::{
     path::PathBuf,
 };
 
-/// Most names that a note spells out.
+/// Maximum number of names in a note.
 const NAMES_MAX: usize = 3;
-/// Factors of smaller copies, of which the largest are taken where there is nothing else.
+/// Factors of smaller copies; the largest copies are used if there are no other images.
 const COPIES: [u32; 3] = [2, 4, 8];
 
 /// A camera of a list, with the name of its image.
@@ -40,7 +40,7 @@ pub(crate) struct Posed {
 
 /// Rule for held-out views.
 pub(crate) enum HeldOut {
-    /// Every Nth view by name, from the first, is held out; none for 0.
+    /// N to hold out every Nth view by name, from the first; 0 for none.
     Every(u32),
     /// Images that the list names, by their keys without endings.
     Named(HashSet<String>),
@@ -52,7 +52,7 @@ pub(crate) struct Folders<'a> {
     pub(crate) images: PathBuf,
 }
 
-/// File of an image, and the factor by which it remains to be made smaller.
+/// File of an image, and its remaining downscaling factor.
 type Place = core::result::Result<(PathBuf, u32), Absent>;
 
 impl Folders<'_> {
@@ -62,7 +62,7 @@ impl Folders<'_> {
     }
 
     /// Finds the image of a camera and its remaining downscaling factor. A copy in a folder such as
-    /// `images_4` is taken where it exists and the calibrated size of the lens is known.
+    /// `images_4` is used if it exists and the calibrated size of the lens is known.
     fn image_of(&self, camera: &Posed, downscale: u32) -> Place {
         let may_be_copy = downscale > 1 && camera.measured_size.is_some();
         let copy = may_be_copy.then(|| find_image(&self.smaller(downscale).join(&camera.image))).flatten();
@@ -72,7 +72,7 @@ impl Folders<'_> {
         )
     }
 
-    /// Images of all cameras in the largest smaller copies that there are, with that folder.
+    /// Images of all cameras in the largest smaller copies, with their folder.
     fn copies_of(&self, posed: &[Posed], downscale: u32) -> Option<(Vec<Place>, PathBuf)> {
         let copies = |factor: u32| {
             let copy = |camera: &Posed| match camera.measured_size {
@@ -93,7 +93,7 @@ impl Folders<'_> {
         name.into()
     }
 
-    /// Refusal of a list of which no image is there.
+    /// Error for a list without any existing image.
     fn none_of(&self, posed: &[Posed], places: &[Place]) -> Error {
         let first = posed.first().map_or(PathBuf::new(), |camera| camera.image.clone());
         let unread = |place: &Place| match place {
@@ -148,12 +148,12 @@ pub(crate) fn list(
 pub(crate) fn note_idle_rule(options: &LoadOptions, notes: &mut Vec<String>) {
     if options.test_every != TEST_EVERY {
         let every = options.test_every;
-        notes.push(format!("lists decide which views are held out, and not one of every {every}"));
+        notes.push(format!("lists select the held-out views, so holding out one of every {every} has no effect"));
     }
 }
 
-/// Finds the images of cameras, in their order. Missing images are skipped with a note, since users
-/// delete blurred ones.
+/// Finds the images of cameras, in their order. Missing images are skipped with a note, because
+/// users delete blurred ones.
 ///
 /// # Errors
 ///
@@ -172,7 +172,7 @@ pub(crate) fn found(
     if places.iter().flatten().next().is_none() {
         let (copies, folder) =
             folders.copies_of(&posed, options.downscale).ok_or_else(|| folders.none_of(&posed, &places))?;
-        notes.push(format!("no image is in {:?}; smaller copies in {folder:?} were taken", folders.path()));
+        notes.push(format!("no image is in {:?}; using smaller copies in {folder:?}", folders.path()));
         places = copies;
     } else {
         note_copies(notes, &places, folders, options.downscale);
@@ -195,7 +195,7 @@ pub(crate) fn found(
     Ok(found)
 }
 
-/// Camera that each file belongs to: the one that names it exactly, or else the first.
+/// Camera of each file: the one that names it exactly, else the first.
 fn owners(posed: &[Posed], places: &[Place], folders: &Folders<'_>) -> HashMap<PathBuf, usize> {
     let images = folders.path();
     let mut owners = HashMap::with_capacity(posed.len());
@@ -232,13 +232,13 @@ impl Skipped {
         };
         let lists: [(&[PathBuf], String); 5] = [
             (&self.missing, format!("cameras without an image in {images:?}")),
-            (&self.ambiguous, format!("cameras of which several images in {images:?} may be meant")),
-            (&self.unread, "images of a format that is not read; convert them to PNG or JPEG".into()),
-            (&self.twice, "cameras of an image that another one has as well".into()),
-            (&self.shadows, "cameras whose image macOS made for its own use".into()),
+            (&self.ambiguous, format!("cameras with several matching images in {images:?}")),
+            (&self.unread, "images of an unsupported format; convert them to PNG or JPEG".into()),
+            (&self.twice, "cameras that share an image with another one".into()),
+            (&self.shadows, "cameras with a macOS companion file (._*) as image".into()),
         ];
         lists.iter().for_each(|(list, what)| note(list.len(), what, some_of(list)));
-        note(self.masks.len(), "masks that the list names and that are not there", some_of(&self.masks));
+        note(self.masks.len(), "masks in the list that do not exist", some_of(&self.masks));
     }
 }
 
@@ -267,7 +267,7 @@ fn shot(camera: Posed, file: PathBuf, downscale: u32, folders: &Folders<'_>, ski
     }
 }
 
-/// Adds folders to the names of views where names would be equal otherwise.
+/// Adds folders to the names of views that would be equal otherwise.
 fn name_apart(found: &mut [(PathBuf, Shot)]) {
     let names: HashSet<&str> = found.iter().map(|(_, shot)| shot.name.as_str()).collect();
     if names.len() < found.len() {
@@ -283,7 +283,7 @@ fn note_copies(notes: &mut Vec<String>, places: &[Place], folders: &Folders<'_>,
     if copies > 0 {
         let rest = match found - copies {
             0 => String::new(),
-            rest => format!("; {rest} are not there and were made smaller"),
+            rest => format!("; {rest} are missing there and were downscaled"),
         };
         notes.push(format!("{copies} images are those of {:?}{rest}", folders.smaller(downscale)));
     }

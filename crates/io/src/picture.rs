@@ -116,7 +116,7 @@ pub fn within(image: &RgbImage, edge: u32) -> RgbImage {
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where the file cannot be written.
+/// [`Error::Write`] if the file cannot be written.
 pub fn write_rgb(path: &Path, width: usize, height: usize, planes: &[f32], alpha: Option<&[f32]>) -> Result<()> {
     match alpha {
         Some(alpha) => write(path, &rgba(width, height, planes, alpha)),
@@ -128,7 +128,7 @@ pub fn write_rgb(path: &Path, width: usize, height: usize, planes: &[f32], alpha
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where the file cannot be written.
+/// [`Error::Write`] if the file cannot be written.
 pub fn write_gray(path: &Path, width: usize, height: usize, plane: &[f32]) -> Result<()> {
     checked_size(width, height, plane, 1);
     let bytes = plane.iter().map(|value| byte(*value)).collect();
@@ -140,7 +140,7 @@ pub fn write_gray(path: &Path, width: usize, height: usize, plane: &[f32]) -> Re
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where the file cannot be written.
+/// [`Error::Write`] if the file cannot be written.
 pub fn write_normals(path: &Path, width: usize, height: usize, planes: &[f32], alpha: &[f32]) -> Result<()> {
     write(path, &normals(width, height, planes, alpha))
 }
@@ -149,7 +149,7 @@ pub fn write_normals(path: &Path, width: usize, height: usize, planes: &[f32], a
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where the file cannot be written.
+/// [`Error::Write`] if the file cannot be written.
 pub fn write_depth(path: &Path, width: usize, height: usize, depths: &[f32], alpha: &[f32]) -> Result<()> {
     write(path, &depth(width, height, depths, alpha))
 }
@@ -158,7 +158,7 @@ pub fn write_depth(path: &Path, width: usize, height: usize, depths: &[f32], alp
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where the file cannot be written.
+/// [`Error::Write`] if the file cannot be written.
 pub fn write(path: &Path, image: &(impl Clone + Into<DynamicImage>)) -> Result<()> {
     write_png(path, &image.clone().into())
 }
@@ -181,7 +181,7 @@ pub fn to_jpeg(image: &RgbImage, quality: u8) -> Vec<u8> {
 
 fn encode(image: &RgbImage, encoder: impl ImageEncoder) {
     let written = encoder.write_image(image.as_raw(), image.width(), image.height(), ExtendedColorType::Rgb8);
-    written.expect("memory takes an image of three bytes a pixel");
+    written.expect("memory accepts an image of three bytes a pixel");
 }
 
 fn write_png(path: &Path, image: &DynamicImage) -> Result<()> {
@@ -213,7 +213,7 @@ fn gradient(gradient: Gradient, position: f32) -> [u8; 3] {
 pub struct Panel {
     /// The image.
     pub image: RgbImage,
-    /// Caption; rows without captions leave no space for them.
+    /// Caption; rows without captions reserve no space.
     pub caption: String,
 }
 
@@ -285,7 +285,7 @@ fn draw_letter(row: &mut RgbImage, left: u32, top: u32, letter: char) {
 ///
 /// # Errors
 ///
-/// [`Error::Ending`] for other extensions, [`Error::Write`] where the file cannot be written.
+/// [`Error::Ending`] for other extensions, [`Error::Write`] if the file cannot be written.
 pub fn write_animation(path: &Path, frames: &[impl Clone + Into<DynamicImage>], frame_ms: u16) -> Result<()> {
     assert!(!frames.is_empty(), "an animation has at least one frame");
     let frames = frames.iter().cloned().map(Into::into);

@@ -19,17 +19,17 @@ use std::{
 /// Memory of a decoded picture after decoding, in bytes per pixel.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Future {
-    /// Bytes after conversion, held beside the decoded ones.
+    /// Bytes after conversion, in addition to the decoded ones.
     pub(crate) converted: u64,
-    /// Most bytes of later stages, held after the decoded ones are freed.
+    /// Maximum bytes of later stages, after the decoded ones are freed.
     pub(crate) later: u64,
 }
 
-/// RGBA; then sums of five numbers for every fourth pixel, where the picture is halved.
+/// RGBA; then sums of five numbers for every fourth pixel if the picture is halved.
 const PHOTOGRAPH: Future = Future { converted: 4, later: 10 };
 /// Grey and alpha, then a flag.
 const MASK: Future = Future { converted: 2, later: 3 };
-/// RGBA; then a normal and a flag, beside sums of four numbers at another size.
+/// RGBA; then a normal and a flag, and sums of four numbers at another size.
 const NORMALS: Future = Future { converted: 4, later: 4 + 13 + NORMALS_RESIZED };
 /// Bytes per pixel of resampled normals: sums of four numbers, a normal and a flag.
 pub(crate) const NORMALS_RESIZED: u64 = 16 + 13;
@@ -45,8 +45,7 @@ pub struct Pixels {
     pub rgba: Vec<u8>,
 }
 
-/// Relative difference allowed between the aspect ratios of pictures of one shape: downscaled sizes
-/// are rounded.
+/// Relative tolerance of aspect ratios: downscaled sizes are rounded.
 const SHAPE_TOLERANCE: f64 = 0.02;
 
 /// Returns whether pictures of two sizes have the same aspect ratio.
@@ -97,8 +96,8 @@ impl Pixels {
     /// picture is therefore rotated by its EXIF orientation only if it fits rotated and not as
     /// stored, or if the camera's size is unknown.
     ///
-    /// Pictures that are to become `downscale` times smaller are decoded at a lower resolution
-    /// where the format allows it.
+    /// Pictures to be downscaled by `downscale` are decoded at a lower resolution if the format
+    /// allows it.
     pub(crate) fn open(path: &Path, downscale: u32, fits: impl Fn([u32; 2]) -> Option<bool>) -> Result<OpenedPixels> {
         if let Some((image, size)) = jpeg::decode_smaller(path, downscale) {
             return Ok(OpenedPixels { pixels: Self::of(image), size, turned: Orientation::NoTransforms });
@@ -126,7 +125,7 @@ impl Pixels {
 
     /// Averages colours over the area of each new pixel, weighted by alpha so that invisible pixels
     /// do not bleed into edges, in sRGB as stored. Unknown pixels have no weight; a new pixel is
-    /// unknown where they cover more than half of it.
+    /// unknown if they cover more than half of it.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         self.averaged([self.width, self.height].map(f64::from), [width, height])
     }
@@ -142,11 +141,11 @@ impl Pixels {
     }
 
     /// Colour at a position in pixels from the upper left corner: bilinear between the four nearest
-    /// pixels, weighted by alpha, and [`UNKNOWN`] outside of the picture or beside an unknown
+    /// pixels, weighted by alpha, and [`UNKNOWN`] outside of the picture or next to an unknown
     /// pixel.
     pub(crate) fn between(&self, [x, y]: [f64; 2]) -> [u8; 4] {
         let [width, height] = [self.width, self.height].map(f64::from);
-        // The comparison is false for NaN as well.
+        // The comparison is also false for NaN.
         if !(x >= 0.0 && y >= 0.0 && x <= width && y <= height) {
             return UNKNOWN;
         }
@@ -215,11 +214,11 @@ impl Mask {
     }
 
     /// Decodes the mask of a photograph of this size that was rotated by an orientation. A mask
-    /// that only has the photograph's shape as it was stored is rotated alike.
+    /// that matches only the stored, unrotated photograph is rotated as well.
     ///
     /// # Errors
     ///
-    /// [`Error::MaskShape`] for a mask of neither shape, and those of the file.
+    /// [`Error::MaskShape`] for a mask with neither aspect ratio, and those of the file.
     pub(crate) fn for_photograph(path: &Path, size: [u32; 2], turned: Orientation) -> Result<Self> {
         let mut image = decode(Input::file(path), MASK)?;
         let found = [image.width(), image.height()];
@@ -280,9 +279,9 @@ pub struct Normals {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Unit normals in world space; zero where there is none.
+    /// Unit normals in world space; zero if there is none.
     pub values: Vec<[f32; 3]>,
-    /// Whether a pixel has a normal.
+    /// True if the pixel has a normal.
     pub mask: Vec<bool>,
 }
 
@@ -380,7 +379,7 @@ pub(crate) fn ask_for(
     Ok(decoder.total_bytes())
 }
 
-/// Working memory of a decoder in bytes per pixel, beside its output.
+/// Working memory of a decoder in bytes per pixel, in addition to its output.
 fn working_bytes(format: Option<ImageFormat>, stored: u64) -> u64 {
     match format {
         // Coefficients of four channels.
@@ -413,7 +412,7 @@ fn blocks_of(input: Input<'_>) -> Result<u64> {
     Ok(most)
 }
 
-/// Refuses an OpenEXR file with more attributes than any program writes: each takes some hundred
+/// Rejects an OpenEXR file with more attributes than any program writes: each takes hundreds of
 /// bytes of memory, several times. Truncated headers are left to the decoder.
 pub(crate) fn refuse_many_attributes(input: Input<'_>, format: Option<ImageFormat>) -> Result<()> {
     const MOST: usize = 4096;
@@ -549,7 +548,7 @@ mod tests {
         let count = |bytes: Vec<u8>| attributes(&mut std::io::Cursor::new(bytes), 10).ok();
         assert_eq!(count(file(2, &[header(7), header(3)])), Some(7), "one header, then offsets");
         assert_eq!(count(file(2 | 1 << 12, &[header(4), header(3), header(0)])), Some(7), "two parts");
-        assert_eq!(count(file(2, &[header(100)])), Some(11), "no more than it takes to refuse it");
+        assert_eq!(count(file(2, &[header(100)])), Some(11), "counting stops at the limit");
         assert_eq!(count(file(2, &[header(3)])[..20].to_vec()), None, "a header that ends too soon");
     }
 
@@ -566,7 +565,7 @@ mod tests {
     }
 
     #[test]
-    fn of_unknown_pixels_nothing_is_taken() {
+    fn unknown_pixels_have_no_weight() {
         let row = pixels(4, 1, &[[200, 100, 50, 255], UNKNOWN, [90, 80, 70, 128], [90, 80, 70, 128]]);
         assert_eq!(row.resized(2, 1).rgba, [[200, 100, 50, 255], [90, 80, 70, 128]].concat());
         let row = pixels(3, 1, &[UNKNOWN, [9; 4], UNKNOWN]);
@@ -591,7 +590,7 @@ mod tests {
     }
 
     #[test]
-    fn normals_are_averaged_where_there_are_any() {
+    fn known_normals_are_averaged() {
         let normals = Normals {
             width: 2,
             height: 2,

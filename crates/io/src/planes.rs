@@ -17,7 +17,7 @@ pub type NamedPlane = (&'static str, Vec<f32>);
 ///
 /// # Errors
 ///
-/// [`Error::Write`], where the file cannot be written.
+/// [`Error::Write`] if the file cannot be written.
 ///
 /// # Panics
 ///

@@ -9,14 +9,14 @@ use std::{
 };
 
 const LAYOUT: &str = "a point cloud with x, y, z and, for colours, red, green, blue";
-/// Places of the point cloud of a data set, where its lists name none.
+/// Default places of a data set's point cloud.
 const PLACES: [&str; 3] = ["points3d.ply", "sparse/0/points3d.ply", "sparse/points3d.ply"];
 /// Names of colours.
 const COLORS: [[&str; 3]; 3] =
     [["red", "green", "blue"], ["r", "g", "b"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
 /// Names of the mean colours of Gaussians, as harmonics.
 const HARMONICS: [&str; 3] = ["f_dc_0", "f_dc_1", "f_dc_2"];
-/// Resolution of positions, relative to the size of the cloud, from which it is noted.
+/// Resolution of positions, relative to the size of the cloud, above which it is noted.
 const COARSE: f64 = 1e-4;
 /// Colour of points without colours, as in 3D Gaussian splatting.
 const GRAY: [f32; 3] = [0.5; 3];
@@ -59,7 +59,7 @@ pub fn read(path: &Path) -> Result<PointCloud> {
     read_noting(path, &mut Vec::new())
 }
 
-/// Reads points, and notes the lack of colours, and of digits of positions.
+/// Reads points, and notes missing colours and coarse positions.
 pub(crate) fn read_noting(path: &Path, notes: &mut Vec<String>) -> Result<PointCloud> {
     let table = Table::open(path)?;
     let count = table.count();
@@ -76,7 +76,7 @@ pub(crate) fn read_noting(path: &Path, notes: &mut Vec<String>) -> Result<PointC
     let stored = |row: usize| columns.get::<3>(row, 3).map(|channel| channel as f32);
     let colors = match colors {
         None => {
-            notes.push(format!("{path:?} has no colours that are known (red, green, blue), so its points are grey"));
+            notes.push(format!("{path:?} has no known colours (red, green, blue), so its points are grey"));
             vec![GRAY; count]
         }
         Some(HARMONICS) => (0..count).map(|row| stored(row).map(|dc| (0.5 + Y0 * dc).clamp(0.0, 1.0))).collect(),
@@ -88,13 +88,14 @@ pub(crate) fn read_noting(path: &Path, notes: &mut Vec<String>) -> Result<PointC
     let positions: Vec<[f64; 3]> = (0..count).map(|row| columns.get(row, 0)).collect();
     if let Some(step) = resolution(&positions).filter(|_| is_single) {
         notes.push(format!(
-            "{path:?} has positions in steps of {step}, as 32-bit numbers far from 0 0 0 are; write them as double, or nearer"
+            "{path:?} has positions in steps of {step}, because 32-bit numbers far from 0 0 0 are coarse; write them \
+             as double, or nearer"
         ));
     }
     Ok(PointCloud { positions, colors })
 }
 
-/// Step between neighbouring 32-bit numbers at points, if it is coarse beside the size of the
+/// Step between neighbouring 32-bit numbers at points, if it is coarse relative to the size of the
 /// cloud.
 fn resolution(positions: &[[f64; 3]]) -> Option<f32> {
     let along = |axis: usize| positions.iter().map(move |position| position[axis]);
@@ -108,8 +109,8 @@ fn resolution(positions: &[[f64; 3]]) -> Option<f32> {
     (f64::from(step) > COARSE * size && size > 0.0).then_some(step)
 }
 
-/// Number that stands for 1, by that of the columns' type, 1 for fractions, and by the largest of
-/// all numbers. Fractions may be a little too bright.
+/// Number that represents 1, given the maximum of the columns' type (1 for fractions) and the
+/// largest number. Fractions may slightly exceed 1.
 fn full_scale(declared: f32, most: f32) -> f32 {
     let is_fraction = declared == 1.0 && most <= 2.0;
     let least = if most <= f32::from(u8::MAX) { u8::MAX.into() } else { u16::MAX };
@@ -121,7 +122,7 @@ fn full_scale(declared: f32, most: f32) -> f32 {
 ///
 /// # Errors
 ///
-/// [`crate::Error::Write`], where the file cannot be written.
+/// [`crate::Error::Write`] if the file cannot be written.
 pub fn write(path: &Path, points: &PointCloud) -> Result<()> {
     assert_eq!(points.positions.len(), points.colors.len(), "every point needs a colour");
     whole_file::write(path, |out| {

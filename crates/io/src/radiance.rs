@@ -1,5 +1,5 @@
-//! Radiance's pictures (`.hdr`) of all orientations and of both colour spaces, of which `image`
-//! reads one each.
+//! Radiance's pictures (`.hdr`) of all orientations and both colour spaces; `image` supports one of
+//! each.
 
 use crate::{
     error::{Error, Result},
@@ -25,12 +25,12 @@ pub(crate) struct Header {
     /// Axes of the lines and of the pixels, each with its sign.
     axes: [String; 2],
     is_xyz: bool,
-    /// Factors of the pixels and other primaries that the header names, and that are not applied.
+    /// Pixel factors and other primaries in the header, which are not applied.
     pub(crate) notes: Vec<String>,
 }
 
 impl Header {
-    /// Reads a header, and the reader of the pixels behind it.
+    /// Reads a header; returns it with the reader of the pixels.
     pub(crate) fn read(input: Input<'_>) -> Result<(Self, impl Read)> {
         let path = input.path();
         let broken = |cause: &str| Error::Image { path: path.to_owned(), cause: cause.to_owned() };
@@ -42,7 +42,7 @@ impl Header {
         };
         let (mut len, mut is_xyz, mut notes) = (0, false, Vec::new());
         loop {
-            let text = line()?.filter(|_| len < HEADER_MAX).ok_or_else(|| broken("its header has no end"))?;
+            let text = line()?.filter(|_| len < HEADER_MAX).ok_or_else(|| broken("its header does not end"))?;
             len += text.len() as u64 + 1;
             match text.split_once('=').map(|(key, value)| (key.trim(), value.trim())) {
                 None if text.is_empty() => break,
@@ -70,7 +70,7 @@ impl Header {
         };
         let lines = lines.filter(|_| is_known(axes));
         let (rows, columns) =
-            lines.ok_or_else(|| broken(&format!("its size {size:?} is none, such as -Y 512 +X 1024")))?;
+            lines.ok_or_else(|| broken(&format!("its size {size:?} is invalid; an example is -Y 512 +X 1024")))?;
         Ok((Self { lines: [rows, columns], axes: axes.map(str::to_owned), is_xyz, notes }, reader))
     }
 
@@ -108,7 +108,7 @@ pub(crate) fn decode(input: Input<'_>, future: Future) -> Result<DynamicImage> {
     Ok(if header.is_xyz { rgb_from_xyz(image) } else { image })
 }
 
-/// Whether a line of a header changes nothing, or describes no colours.
+/// True if a line of a header has no effect on colours.
 fn is_neutral(key: &str, value: &str) -> bool {
     let numbers = value.split_ascii_whitespace().map(|word| word.parse().unwrap_or(f64::NAN));
     let within = |expected: f64, number: f64, most: f64| (number - expected).abs() <= most;
@@ -119,7 +119,7 @@ fn is_neutral(key: &str, value: &str) -> bool {
     }
 }
 
-/// Converts CIE XYZ to Radiance's red, green and blue, in which white is white.
+/// Converts CIE XYZ to Radiance's red, green and blue, mapping white to white.
 fn rgb_from_xyz(image: DynamicImage) -> DynamicImage {
     let [red, green, blue, white] = PRIMARIES.map(|[x, y]| DVec3::new(x / y, 1.0, (1.0 - x - y) / y));
     let primaries = DMat3::from_cols(red, green, blue);

@@ -16,8 +16,7 @@ use specula_core::{
 };
 use std::path::{Path, PathBuf};
 
-/// Extensions of images, which are tried where one is named without any, or has another one than
-/// its list says.
+/// Extensions of images, tried if the named file does not exist or has no extension.
 pub const IMAGE_ENDINGS: [&str; 4] = ["png", "jpg", "jpeg", "webp"];
 
 /// A photograph with its camera.
@@ -29,16 +28,16 @@ pub struct View {
     pub camera: Camera,
     /// Pixels of the image.
     pub image: Pixels,
-    /// Ground-truth normals, where a test view has them.
+    /// Ground-truth normals, if a test view has them.
     pub normal: Option<Normals>,
-    /// Ground-truth materials; empty where a view has none.
+    /// Ground-truth materials; empty if a view has none.
     pub materials: Materials,
 }
 
 /// Position and rotation of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Pose {
-    /// Rotation from world to camera axes: x to the right, y down, z along the view.
+    /// Rotation from world to camera axes: x right, y down, z forwards.
     pub(crate) camera_from_world: DMat3,
     /// Centre of projection in world space.
     pub(crate) position: DVec3,
@@ -83,7 +82,7 @@ impl core::fmt::Debug for Shot {
     }
 }
 
-/// Changes that a picture took when it was decoded.
+/// Changes of a picture during decoding.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Changes {
     /// Whether lens distortion was removed.
@@ -97,7 +96,7 @@ pub struct Changes {
 }
 
 impl Changes {
-    /// Whether nothing is known of the picture.
+    /// True if all pixels are unknown.
     pub const fn is_all_unknown(&self) -> bool {
         self.unknown == self.pixels
     }
@@ -136,7 +135,7 @@ impl Shot {
         Ok((view, Changes { is_undistorted, is_turned, unknown, pixels }))
     }
 
-    /// Returns whether a picture of this size has the aspect ratio of its camera; none if that is
+    /// True if a picture of this size has the aspect ratio of its camera; `None` if that is
     /// unknown.
     fn fits(&self, size: [u32; 2]) -> Option<bool> {
         self.measured_size.map(|camera| have_same_shape(size, camera))
@@ -189,7 +188,7 @@ pub(crate) fn name_of(image: &Path) -> String {
     name.unwrap_or(image.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// Finds the file of an image, also where the extension is missing or differs from the list's.
+/// Finds the file of an image, even if the extension is missing or differs from the list's.
 pub(crate) fn find_image(named: &Path) -> Option<PathBuf> {
     if has_image_ending(named) && named.is_file() {
         return Some(named.to_owned());

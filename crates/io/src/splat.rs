@@ -21,7 +21,7 @@ pub const RECORD_LEN: usize = 32;
 ///
 /// # Errors
 ///
-/// [`crate::Error::Write`], where the file cannot be written.
+/// [`crate::Error::Write`] if the file cannot be written.
 pub fn write(path: &Path, gaussians: &Gaussians<Vec<f32>>) -> Result<()> {
     whole_file::write(path, |out| {
         by_visibility(gaussians).into_iter().try_for_each(|gaussian| out.write_all(&record(gaussians, gaussian)))

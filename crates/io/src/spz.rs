@@ -29,11 +29,11 @@ use std::{io::Write, path::Path};
 
 const MAGIC: u32 = 0x5053_474e;
 const VERSION: u32 = 3;
-/// Factor of colours, which leaves room beyond the displayable range.
+/// Factor of colours, which leaves headroom beyond the displayable range.
 const COLOR_SCALE: f32 = 0.15;
 /// Bits of the largest coordinate.
 const MEAN_BITS: i32 = 16;
-/// Most fractional bits; more would leave too few integer bits.
+/// Maximum number of fractional bits; more would leave too few integer bits.
 const FRACTION_MAX: i32 = 20;
 /// Largest magnitude of the three smaller components of a quat.
 const QUAT_STEPS: f32 = 511.0;
@@ -42,7 +42,7 @@ const QUAT_STEPS: f32 = 511.0;
 ///
 /// # Errors
 ///
-/// [`crate::Error::Write`], where the file cannot be written.
+/// [`crate::Error::Write`] if the file cannot be written.
 pub fn write(path: &Path, gaussians: &Gaussians<Vec<f32>>) -> Result<()> {
     let Layout { sh_degree, .. } = gaussians.layout;
     let bits = fraction_bits(gaussians);

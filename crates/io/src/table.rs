@@ -102,7 +102,7 @@ impl<T: Number> Columns<T> {
         (row / BLOCK * self.names.len() + column) * BLOCK + row % BLOCK
     }
 
-    /// Refuses numbers that are NaN or infinite, naming the first vertex that has one.
+    /// Rejects NaN and infinite numbers, naming the first vertex with one.
     pub(crate) fn refuse_non_finite(&self, path: &Path) -> Result<()> {
         if self.values.iter().all(|number| number.is_finite()) {
             return Ok(());
@@ -210,7 +210,7 @@ impl Table {
     fn unfilled(&self, element: &ElementDef) -> Error {
         let (ElementDef { name, count, .. }, len) = (element, self.len);
         self.broken(format!(
-            "its header promises {count} times {name:?}, more than its {len} bytes hold; copy it again"
+            "its header promises {count} of {name:?}, more than its {len} bytes can hold; copy it again"
         ))
     }
 
@@ -257,7 +257,7 @@ impl Table {
         Ok(columns)
     }
 
-    /// [`Table::read`] of any numbers.
+    /// [`Table::read`] without the check for finite numbers.
     pub(crate) fn read_any<T: Number>(mut self, names: &[String], layout: &'static str) -> Result<Columns<T>> {
         if let Some(name) = names.iter().find(|name| !self.has(name)) {
             return Err(Error::MissingProperty { path: self.path, property: name.clone(), layout });
@@ -271,7 +271,7 @@ impl Table {
         }
         let left = if self.is_last { self.left()? } else { 0 };
         if left > 0 && self.encoding != Encoding::Ascii {
-            tracing::warn!("{:?} has {left} bytes after its last vertex, which are not read", self.path);
+            tracing::warn!("{:?} has {left} unread bytes after its last vertex", self.path);
         }
         Ok(columns)
     }
@@ -310,7 +310,7 @@ impl Table {
         Ok(())
     }
 
-    /// Reads whole rows; a truncated file is reported with its number of complete rows.
+    /// Reads whole rows; an error for a truncated file has its number of complete rows.
     fn fill(&mut self, rows: &mut [u8], first: usize, row_size: usize) -> Result<()> {
         let mut filled = 0;
         while filled < rows.len() {
@@ -347,8 +347,7 @@ impl Table {
         Ok((cells, offset))
     }
 
-    /// Memory grows block by block with the lines, since the count of the header says little about
-    /// their words.
+    /// Memory grows block by block with the lines, because the header's count is not reliable.
     fn read_text<T: Number>(&mut self, columns: &mut Columns<T>, words_in_row: usize) -> Result<()> {
         let places: Vec<usize> = columns.names.iter().map(|name| self.index(name)).collect();
         let vertex = self.vertex.clone();
@@ -460,8 +459,8 @@ fn refuse_compressed(path: &Path, header: &Header) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a header that names a property of an element twice: its parser keeps one of them, so
-/// that rows would be read with another length than they have.
+/// Rejects a header that names a property of an element twice: the parser keeps one of them, so the
+/// row length would be wrong.
 fn refuse_repeated_names(path: &Path, reader: &mut BufReader<File>) -> Result<()> {
     let len = reader.stream_position().map_err(Error::reading(path))?;
     reader.rewind().map_err(Error::reading(path))?;

@@ -27,13 +27,13 @@ use std::{
 
 /// Tolerance for unit length and right angles of a rotation's columns; printed matrices have 1e-7.
 const RIGID_TOLERANCE: f64 = 1e-3;
-/// Tolerance for numbers of three decimals: products of columns are off by 1.7e-3 at most, and the
-/// mean length by as much a third of the time.
+/// Tolerance for numbers of three decimals: products of columns have errors up to 1.7e-3, and so
+/// has the mean length in a third of the cases.
 const COARSE_TOLERANCE: f64 = 2.5e-3;
-/// Most entries of an object that a note names.
+/// Maximum number of an object's entries in a note.
 const KEYS_MAX: usize = 16;
-/// Entries that change neither pictures nor cameras: what programs note for themselves, and how
-/// they place a scene in their own worlds.
+/// Entries without effect on pictures or cameras: notes of programs, and their own placements of a
+/// scene.
 const IDLE_KEYS: [&str; 17] = [
     "rotation",
     "sharpness",
@@ -57,7 +57,7 @@ const IDLE_KEYS: [&str; 17] = [
 const POLYNOMIAL_MODELS: [&str; 6] = ["PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"];
 /// Name of the fisheye model.
 const FISHEYE_MODEL: &str = "OPENCV_FISHEYE";
-/// Name of the model whose k4 to k6 are those of a denominator.
+/// Name of the model with k4 to k6 in a denominator.
 const RATIONAL_MODEL: &str = "FULL_OPENCV";
 
 /// Cameras of a file, and the folder of their image paths.
@@ -100,7 +100,7 @@ struct File {
     others: Keys,
 }
 
-/// Keys of entries that nothing reads.
+/// Keys of unused entries.
 #[derive(Debug, Default)]
 struct Keys(Vec<String>);
 
@@ -200,18 +200,20 @@ impl Intrinsics {
         let model = self.model();
         if !POLYNOMIAL_MODELS.contains(&model.as_str()) && model != FISHEYE_MODEL {
             let known = POLYNOMIAL_MODELS.join(", ");
-            return Err(format!("is of the camera model {model:?}; known are {known} and {FISHEYE_MODEL}"));
+            return Err(format!(
+                "has the unsupported camera model {model:?}; supported are {known} and {FISHEYE_MODEL}"
+            ));
         }
         if model != RATIONAL_MODEL && [k5, k6] != [0.0; 2] {
             return Err(format!(
-                "has a k5 or k6, which only {RATIONAL_MODEL} knows; name that camera_model, or remove it"
+                "has a k5 or k6, which only {RATIONAL_MODEL} supports; set that camera_model, or remove it"
             ));
         }
         if model == FISHEYE_MODEL {
             return Ok(Distortion::Fisheye { radial: [k1, k2, k3, k4], tangential, prism: [0.0; 2] });
         }
         if model != RATIONAL_MODEL && k4 != 0.0 {
-            return Err(format!("has a k4, which only {FISHEYE_MODEL} knows; name that camera_model, or remove k4"));
+            return Err(format!("has a k4, which only {FISHEYE_MODEL} supports; set that camera_model, or remove k4"));
         }
         Ok(Distortion::Polynomial { radial, tangential }.simplified())
     }
@@ -245,23 +247,22 @@ impl Intrinsics {
         Ok(Lens { focal_px, principal_px, width: size[0], height: size[1], distortion })
     }
 
-    /// Ratio of the image's size to the stated size, for images that were made smaller afterwards.
+    /// Ratio of the image's size to the stated size, for images that were downscaled afterwards.
     fn pixel_scale(&self, [width, height]: [u32; 2]) -> [f64; 2] {
         let scale = |actual: u32, stated: Option<f64>| f64::from(actual) / stated.unwrap_or(f64::from(actual));
         [scale(width, self.w), scale(height, self.h)]
     }
 
-    /// Focal lengths in pixels: stated, or from the fields of view; y follows x where only x is
-    /// known.
+    /// Focal lengths in pixels: stated, or from the fields of view; y follows x if only x is known.
     fn focal_px(&self, size: [u32; 2]) -> Option<[f64; 2]> {
         let scale = self.pixel_scale(size);
-        let of_angle = |pixels: u32, angle: f64| {
+        let focal_of_angle = |pixels: u32, angle: f64| {
             if angle > 0.0 && angle < PI { 0.5 * f64::from(pixels) / (0.5 * angle).tan() } else { f64::NAN }
         };
         let focal_x = self.fl_x.map(|focal| focal * scale[0]);
-        let focal_x = focal_x.or(self.camera_angle_x.map(|angle| of_angle(size[0], angle)))?;
+        let focal_x = focal_x.or(self.camera_angle_x.map(|angle| focal_of_angle(size[0], angle)))?;
         let focal_y = self.fl_y.map(|focal| focal * scale[1]);
-        let focal_y = focal_y.or(self.camera_angle_y.map(|angle| of_angle(size[1], angle)));
+        let focal_y = focal_y.or(self.camera_angle_y.map(|angle| focal_of_angle(size[1], angle)));
         Some([focal_x, focal_y.unwrap_or(focal_x * scale[1] / scale[0])])
     }
 
@@ -297,7 +298,7 @@ impl Transforms {
         format!("{:?} ({})", self.path, models.join(", "))
     }
 
-    /// Notes on entries that are not used, and on coarse rotations.
+    /// Notes on unused entries and coarse rotations.
     pub(crate) fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         let mut counts = BTreeMap::<&str, usize>::new();
@@ -305,7 +306,7 @@ impl Transforms {
         keys.for_each(|key| *counts.entry(key).or_default() += 1);
         if !counts.is_empty() {
             let keys: Vec<&str> = counts.into_keys().collect();
-            notes.push(format!("entries of {:?} that are not used: {}", self.path, keys.join(", ")));
+            notes.push(format!("unused entries of {:?}: {}", self.path, keys.join(", ")));
         }
         let coarse = self.frames.iter().filter(|frame| frame.rotation().is_ok_and(|(_, is_coarse)| is_coarse)).count();
         if coarse > 0 {
@@ -350,7 +351,7 @@ impl Transforms {
         }
     }
 
-    /// Image of a frame, if it is there; its extension may be missing or differ.
+    /// Image of a frame, if it exists; its extension may be missing or differ.
     pub(crate) fn image_of(&self, frame: &Frame) -> Option<PathBuf> {
         let folder = self.path.parent().unwrap_or(Path::new(""));
         let named = [Path::new(&frame.file_path).to_owned(), plain_path(&frame.file_path)];
@@ -421,8 +422,8 @@ impl Frame {
     }
 }
 
-/// Rotation without the uniform scale that some exporters leave in, and whether it had few
-/// decimals, or the fault of the matrix.
+/// Rotation without the uniform scale of some exporters, and whether it had few decimals; or the
+/// fault of the matrix.
 fn rigid(matrix: DMat3) -> core::result::Result<(DMat3, bool), String> {
     let columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
     let scale = (columns.iter().map(|column| column.length_squared()).sum::<f64>() / 3.0).sqrt();
@@ -437,12 +438,12 @@ fn rigid(matrix: DMat3) -> core::result::Result<(DMat3, bool), String> {
     Ok((DMat3::from_quat(DQuat::from_mat3(&rotation).normalize()), is_coarse))
 }
 
-/// Rotation, or its mirror image, and whether it had few decimals, of which it is relieved; none
-/// for other matrices.
+/// Orthogonalised rotation, or its mirror image, and whether it had few decimals; `None` for other
+/// matrices.
 pub(crate) fn orthogonal(matrix: DMat3) -> Option<(DMat3, bool)> {
     let excess = (matrix.transpose() * matrix - DMat3::IDENTITY).to_cols_array();
     let is_within = |tolerance: f64| excess.iter().all(|number| number.abs() <= tolerance);
-    // The mean with the inverse is the nearest rotation, to the square of the error.
+    // The mean with the inverse transpose is the nearest rotation, up to the square of the error.
     let nearest = || (matrix + matrix.inverse().transpose()) * 0.5;
     let is_coarse = !is_within(RIGID_TOLERANCE);
     is_within(COARSE_TOLERANCE).then(|| (if is_coarse { nearest() } else { matrix }, is_coarse))

@@ -13,14 +13,14 @@ const BUFFER_SIZE: usize = 1 << 20;
 /// Prefix of temporary files.
 const UNFINISHED: &str = ".unfinished-";
 
-/// Writes a file with `fill`, creating its folder if needed. The target appears or changes only
-/// when all is written; a file that is replaced leaves its permissions.
+/// Writes a file with `fill`, creating its folder if needed. The target appears or changes after
+/// everything is written; it keeps the permissions of a replaced file.
 pub(crate) fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>) -> Result<()> {
     write_beside(path, fill).map_err(|cause| Error::Write { path: path.to_owned(), cause })
 }
 
-/// Writes a file from bytes, creating its folder if needed. The target appears or changes only when
-/// all is written.
+/// Writes a file from bytes, creating its folder if needed. The target appears or changes after
+/// everything is written.
 ///
 /// # Errors
 ///
@@ -39,7 +39,7 @@ fn write_beside(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut fs::File>) ->
     out.flush()?;
     drop(out);
 
-    // Without this, a power failure can leave the new name with none of the bytes.
+    // Without this, a power failure can leave the new name without the bytes.
     file.as_file().sync_data()?;
     if let Some(earlier) = fs::symlink_metadata(path).ok().filter(fs::Metadata::is_file) {
         file.as_file().set_permissions(earlier.permissions())?;
@@ -55,8 +55,8 @@ fn folder_of(path: &Path) -> PathBuf {
 }
 
 /// Removes temporary files that a killed program left in a folder and, down to `levels`, in its
-/// subfolders. Files that a program still writes stay, and those that cannot be removed, which cost
-/// nothing but space.
+/// subfolders. Keeps files that a program is still writing, and files that cannot be removed, which
+/// only take space.
 pub fn remove_unfinished(folder: &Path, levels: usize) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     for entry in entries.flatten() {
@@ -77,13 +77,12 @@ fn remove_unlocked(path: &Path) {
     }
 }
 
-/// Temporary file that is locked, where the file system has locks, until it is written or the
-/// program ends.
+/// Temporary file, locked until it is written or the program ends, if the file system has locks.
 fn locked(folder: &Path) -> io::Result<NamedTempFile> {
     loop {
         let file = temporary(folder)?;
         match file.as_file().try_lock() {
-            // Whoever removes unfinished files may have met it before it was locked.
+            // Another program may have removed the file before it was locked.
             Ok(()) if !file.path().exists() => {}
             Err(TryLockError::WouldBlock) => {}
             _ => return Ok(file),
@@ -105,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn folders_are_made_on_the_way() {
+    fn missing_folders_are_created() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a/b/c.txt");
         write_bytes(&path, b"hello").unwrap();
@@ -124,13 +123,13 @@ mod tests {
         });
         let sentence = full.unwrap_err().to_string();
 
-        assert!(sentence.contains("a.txt") && sentence.contains("make room"), "{sentence}");
+        assert!(sentence.contains("a.txt") && sentence.contains("free some space"), "{sentence}");
         assert_eq!(fs::read(&path).unwrap(), b"old");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "a temporary file stayed behind");
     }
 
     #[test]
-    fn what_a_killed_program_left_is_removed_and_nothing_else() {
+    fn only_files_of_killed_programs_are_removed() {
         let folder = tempfile::tempdir().unwrap();
         let deep = folder.path().join("point_cloud/iteration_7");
         fs::create_dir_all(&deep).unwrap();
@@ -144,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_program_still_writes_is_not_removed() {
+    fn files_that_are_being_written_are_not_removed() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.txt");
         let written = write(&path, |out| {
@@ -156,12 +155,12 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_is_a_file_is_refused_by_name() {
+    fn a_file_instead_of_a_folder_is_an_error_with_its_name() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("file");
         write_bytes(&file, b"").unwrap();
         let sentence = write_bytes(&file.join("a.txt"), b"").unwrap_err().to_string();
-        assert!(sentence.contains("file/a.txt") && sentence.contains("choose a folder"), "{sentence}");
+        assert!(sentence.contains("file/a.txt") && sentence.contains("writable folder"), "{sentence}");
     }
 
     #[cfg(unix)]

@@ -1,10 +1,10 @@
-//! Folders from elsewhere, such as a model folder out of an archive: what is written and removed
-//! there stays within.
+//! Untrusted folders, such as a model folder from an archive: writing and removing stay within the
+//! folder.
 //!
-//! Reading may lead through a link to a regular file, as people link what is large. Folders that
-//! are links end writing and removing, before the first file. Files are written beside their place
-//! and renamed ([`crate::whole_file`]), so that a link, or a name of a file that has others, is
-//! replaced and what it led to stays.
+//! Reading follows links to regular files, because users link large files. Writing and removing
+//! fail before the first file if a folder is a link. Files are written to a temporary name and
+//! renamed ([`crate::whole_file`]), so that a symbolic or hard link is replaced and its target is
+//! unchanged.
 
 use crate::error::{Error, Result};
 use core::time::Duration;
@@ -16,12 +16,12 @@ use std::{
     time::Instant,
 };
 
-/// Most seconds to wait for a lock that other programs hold while they change a file.
+/// Maximum seconds to wait for the lock of another program that changes a file.
 const PATIENCE: Duration = Duration::from_secs(30);
 /// Time between two attempts.
 const PAUSE: Duration = Duration::from_millis(5);
 
-/// Refuses a folder `path` within `root` that a link leads to.
+/// Rejects a folder `path` within `root` that is reached through a link.
 ///
 /// # Errors
 ///
@@ -34,12 +34,12 @@ pub fn refuse_links(root: &Path, path: &Path) -> Result<()> {
     }
 }
 
-/// Opens a file for reading, which a link may lead to. Reading never waits, as some files of
-/// `/proc` would.
+/// Opens a file, or the target of a link, for reading. Reading never blocks, unlike some files of
+/// `/proc`.
 ///
 /// # Errors
 ///
-/// [`Error::NotAFile`] for pipes, devices and folders, which may wait for ever or have no end, and
+/// [`Error::NotAFile`] for pipes, devices and folders, which may block or be endless, and
 /// [`Error::Read`].
 pub fn open(path: &Path) -> Result<File> {
     refuse_others(path)?;
@@ -55,8 +55,7 @@ fn set_flags(options: &mut OpenOptions, flags: rustix::fs::OFlags) {
     std::os::unix::fs::OpenOptionsExt::custom_flags(options, flags.bits().cast_signed());
 }
 
-/// Returns whether there is a file to read; what is no regular file, or a link that leads nowhere,
-/// is not passed over.
+/// True if there is a file to read; anything but a regular file, or a broken link, is an error.
 ///
 /// # Errors
 ///
@@ -75,7 +74,7 @@ fn refuse_others(path: &Path) -> Result<()> {
     }
 }
 
-/// Removes a file, if it exists; of a link only the link.
+/// Removes a file or a link, if it exists; not the link's target.
 ///
 /// # Errors
 ///
@@ -87,8 +86,8 @@ pub(crate) fn remove_file(path: &Path) -> Result<()> {
     }
 }
 
-/// Locks a file that exists for this purpose, and creates it where it is missing. Its content can
-/// be changed: it has no other name.
+/// Locks a lock file, and creates it if it is missing. The file has only one name, so its content
+/// may be changed.
 ///
 /// # Errors
 ///
@@ -106,21 +105,19 @@ pub fn lock(path: &Path) -> Result<core::result::Result<File, TryLockError>> {
     Ok(file.try_lock().map(|()| file))
 }
 
-/// Locks a file as [`lock`] does, and waits while other programs hold the lock. None, with a
-/// warning, where the file system has no locks.
+/// Locks a file like [`lock`], and waits while other programs hold the lock. `None`, with a
+/// warning, if the file system has no locks.
 ///
 /// # Errors
 ///
-/// Those of [`lock`]; [`Error::Busy`] where others do not release it.
+/// Those of [`lock`]; [`Error::Busy`] if others do not release it.
 pub(crate) fn wait_for_lock(path: &Path) -> Result<Option<File>> {
     let start = Instant::now();
     loop {
         match lock(path)? {
             Ok(file) => return Ok(Some(file)),
             Err(TryLockError::Error(cause)) => {
-                tracing::warn!(
-                    "{path:?} cannot be locked ({cause}), so results of programs at the same time may be lost"
-                );
+                tracing::warn!("cannot lock {path:?} ({cause}); results of concurrent programs may be lost");
                 return Ok(None);
             }
             Err(TryLockError::WouldBlock) if start.elapsed() > PATIENCE => {
@@ -139,20 +136,19 @@ fn open_to_lock(path: &Path) -> Result<File> {
     }
     let mut options = OpenOptions::new();
     options.read(true).write(true).create(true).truncate(false);
-    // A link that appears in this moment is not followed either.
+    // A link that appears at this moment is not followed either.
     #[cfg(unix)]
     set_flags(&mut options, rustix::fs::OFlags::NOFOLLOW);
     options.open(path).map_err(|cause| Error::Write { path: path.to_owned(), cause })
 }
 
-/// Returns whether a file has more than one name (hard links), so that its content is not only of
-/// one folder.
+/// True if a file has several names (hard links), so that other folders may share its content.
 #[cfg(unix)]
 fn has_other_names(file: &File) -> bool {
     file.metadata().is_ok_and(|found| std::os::unix::fs::MetadataExt::nlink(&found) > 1)
 }
 
-/// Number of names that is not known: `false`.
+/// Unknown number of names: `false`.
 #[cfg(not(unix))]
 fn has_other_names(_: &File) -> bool {
     false
@@ -164,7 +160,7 @@ mod tests {
     use std::os::unix::fs::symlink;
 
     #[test]
-    fn a_lock_is_no_file_of_others() {
+    fn lock_files_replace_links_and_not_their_targets() {
         let folder = tempfile::tempdir().unwrap();
         let [thesis, path] = ["thesis", "a.lock"].map(|name| folder.path().join(name));
         fs::write(&thesis, "years of work").unwrap();
@@ -187,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn links_are_met_below_a_folder_and_not_on_the_way_to_it() {
+    fn links_are_rejected_below_a_folder_but_not_above_it() {
         let folder = tempfile::tempdir().unwrap();
         let [other, root] = ["other", "model"].map(|name| folder.path().join(name));
         fs::create_dir_all(other.join("a/b")).unwrap();
@@ -199,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn links_lead_to_files_and_what_leads_nowhere_is_told() {
+    fn links_to_files_are_followed_and_broken_links_are_errors() {
         let folder = tempfile::tempdir().unwrap();
         let [file, link] = ["file", "link"].map(|name| folder.path().join(name));
         assert!(!holds(&link).unwrap() && !holds(&link.join("below")).unwrap());

@@ -22,11 +22,11 @@ impl LpipsNetwork {
     ///
     /// # Errors
     ///
-    /// A file that cannot be read or holds no network for LPIPS.
+    /// A file that cannot be read or is not an LPIPS network.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = NETWORK.read(path)?;
         let network = Network::from_bytes(bytes).map_err(|error| {
-            Error::Input(format!("{path:?} holds no network for LPIPS: {error}; scripts/lpips-onnx.py writes one"))
+            Error::Input(format!("{path:?} is not a usable LPIPS network: {error}; scripts/lpips-onnx.py writes one"))
         })?;
         let file = || path.file_name().unwrap_or_default().to_string_lossy();
         let name = network.name().map_or_else(|| file().into_owned(), str::to_owned);

@@ -1,6 +1,5 @@
-//! Trial of a network for LPIPS in a process with limits on time and memory. A network is a
-//! program: one from a stranger may run for ever, or allocate any amount of memory, before it has
-//! seen a view.
+//! Test of an LPIPS network in a process with limits on time and memory. A network is a program: an
+//! untrusted one may run for ever or allocate any amount of memory.
 
 use crate::{args::TryNetwork, failure::Failure};
 use specula_report::lpips::LpipsNetwork;
@@ -12,9 +11,9 @@ use std::{
 
 /// CPU seconds for a network of at most [`BYTES_FREE`]; VGG takes one.
 const SECONDS: u64 = 10;
-/// Bytes of a network beyond which it has more time.
+/// Bytes of a network above which it gets more time.
 const BYTES_FREE: u64 = 10_000_000;
-/// Bytes beyond [`BYTES_FREE`] for which it has one more second.
+/// Bytes above [`BYTES_FREE`] per additional second.
 const BYTES_PER_SECOND: u64 = 1_000_000;
 /// Bytes of address space for the program.
 const MEMORY: u64 = 1 << 30;
@@ -29,7 +28,7 @@ const LIMITED: &str = "ulimit -c 0; ulimit -t $0; ulimit -v $1 2>/dev/null; shif
 /// Variable of the runtime's number of threads, each of which takes address space.
 const THREADS: &str = "RTEN_NUM_THREADS";
 
-/// Reads a network in this process, which has limits, and compares two pictures.
+/// Reads a network and compares two pictures, in this process with limits.
 pub(crate) fn run(args: &TryNetwork) -> Result<(), Failure> {
     let network = LpipsNetwork::read(&args.network)?;
     if let [width, height] = args.size[..] {
@@ -38,7 +37,7 @@ pub(crate) fn run(args: &TryNetwork) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Tries in a process with limits to read a network and to compare pictures of this width and
+/// Tests a network in a process with limits: reads it and compares pictures of this width and
 /// height.
 pub(super) fn try_network(path: &Path, size: [u32; 2]) -> Result<(), Failure> {
     let len = fs::metadata(path).map_or(0, |file| file.len());
@@ -48,13 +47,13 @@ pub(super) fn try_network(path: &Path, size: [u32; 2]) -> Result<(), Failure> {
         + pixels.saturating_mul(SECONDS_PER_MEGAPIXEL) / 1_000_000;
     let memory = MEMORY + len.saturating_mul(MEMORY_PER_BYTE) + pixels.saturating_mul(MEMORY_PER_PIXEL);
     let output = output_of(path, size, seconds, memory)
-        .map_err(|error| Failure::Internal(format!("cannot try {path:?} in another process: {error}")))?;
+        .map_err(|error| Failure::Internal(format!("cannot test {path:?} in another process: {error}")))?;
     match output.status.code() {
         Some(0) => Ok(()),
         Some(2) => Err(Failure::Input(sentence(&output))),
         _ => Err(Failure::Input(format!(
-            "{path:?} holds no network for LPIPS: reading it and comparing two pictures takes more than {seconds} s of \
-             a processor or {} MiB, or fails altogether ({}); scripts/lpips-onnx.py writes one",
+            "{path:?} is not a usable LPIPS network: reading it and comparing two pictures failed, or took more than \
+             {seconds} s of CPU time or {} MiB ({}); scripts/lpips-onnx.py writes one",
             memory >> 20,
             output.status
         ))),

@@ -82,10 +82,10 @@ impl Exporter<'_> {
         self.args.page_env.iter().map(read).collect()
     }
 
-    /// Sentence on the error of the numbers that are packed.
+    /// Sentence on the error of the packed numbers.
     fn page_error(&self, packed: &PackedScene, precision: PackPrecision) -> Result<String, Failure> {
         if precision == PackPrecision::Exact {
-            return Ok("nothing is lost".to_owned());
+            return Ok("lossless".to_owned());
         }
         let rounded = "numbers are rounded";
         if self.args.no_error {

@@ -16,11 +16,11 @@ use specula_train::{
 };
 use std::path::Path;
 
-/// Locks the model folder, of which no link leads elsewhere.
+/// Locks the model folder, in which no link may point elsewhere.
 pub(super) fn lock(args: &Train) -> Result<Lock, Failure> {
-    const REMEDY: &str = "wait until it ends, name another folder with -m, or add --ignore-lock if it is gone";
+    const REMEDY: &str = "wait until it ends, use another folder with -m, or add --ignore-lock if it crashed";
     let folder = &args.model_path;
-    // At the start, and not when a model is saved after hours.
+    // Checked at the start, not after hours of training.
     model_folder::refuse_links_in(folder)?;
     match args.resuming.ignore_lock {
         true => Ok(Lock::take_or_warn(folder)?),
@@ -28,17 +28,17 @@ pub(super) fn lock(args: &Train) -> Result<Lock, Failure> {
     }
 }
 
-/// Refuses a folder that contains another training.
+/// Rejects a folder that contains another training.
 pub(super) fn refuse_other_training(args: &Train) -> Result<(), Failure> {
     let folder = &args.model_path;
     if args.resuming.resume || args.resuming.overwrite || !model_folder::holds_training(folder) {
         return Ok(());
     }
     let remedy = match io::checkpoint::path_in(folder).is_file() {
-        true => "continue it (--resume), replace it (--overwrite), or name another folder with -m",
-        false => "replace it (--overwrite), or name another folder with -m",
+        true => "continue it (--resume), replace it (--overwrite), or use another folder with -m",
+        false => "replace it (--overwrite), or use another folder with -m",
     };
-    Err(Failure::Input(format!("{folder:?} holds {} already; {remedy}", description_of(folder)?)))
+    Err(Failure::Input(format!("{folder:?} already contains {}; {remedy}", description_of(folder)?)))
 }
 
 /// Description of the training in a folder.
@@ -47,7 +47,7 @@ fn description_of(folder: &Path) -> Result<String, Failure> {
     let iteration = model_folder::latest_iteration(folder).map(|iteration| format!(" of {iteration} iterations"));
     Ok(match (iteration, profile) {
         (Ok(iteration), profile) => format!("a model{iteration}{}", profile.unwrap_or_default()),
-        (Err(_), _) => "a training that was interrupted".to_owned(),
+        (Err(_), _) => "an interrupted training".to_owned(),
     })
 }
 
@@ -58,13 +58,13 @@ pub(super) struct Resumed {
     pub(super) seconds: f64,
 }
 
-/// Reads the checkpoint in the model folder, and refuses one of a training with other settings or
-/// other pictures than those of the data set `source`.
+/// Reads the checkpoint in the model folder; rejects one with other settings or with pictures other
+/// than those of the data set `source`.
 pub(super) fn read_checkpoint(
     args: &Train,
     source: &Path,
     settings: &Settings,
-    of_objects: bool,
+    is_object: bool,
     facts: &Facts,
 ) -> Result<Resumed, Failure> {
     let saved = io::checkpoint::read(&args.model_path)?;
@@ -72,28 +72,28 @@ pub(super) fn read_checkpoint(
     let refuse = |reason: String| {
         let path = io::checkpoint::path_in(&args.model_path);
         Err(Failure::Input(format!(
-            "the checkpoint {path:?} {reason}, or start anew with --overwrite in place of --resume"
+            "cannot resume from {path:?}, which {reason}, or start again with --overwrite instead of --resume"
         )))
     };
     if let Some(difference) = config::contradiction(&facts.config, &earlier.config) {
-        return refuse(format!("is of a training with {difference}; leave the option as it was"));
+        return refuse(format!("was trained with {difference}; keep the option as it was"));
     }
     if (facts.views, &facts.pictures) != (earlier.views, &earlier.pictures) {
         return refuse(format!(
-            "is of a training on {} pictures, and the {} in {source:?} are not the same; name the folder of those",
+            "was trained on {} pictures, and the {} in {source:?} differ from them; use the original data set",
             earlier.views, facts.views
         ));
     }
     if saved.state.iteration > args.iterations {
         return refuse(format!(
-            "is of iteration {}, and --iterations {} is less; ask for as many at least",
+            "is at iteration {}, beyond --iterations {}; increase --iterations",
             saved.state.iteration, args.iterations
         ));
     }
     let settings_of = |args: &Train| -> Result<String, Failure> {
         let mut profile = Profile {
             foreground: settings.profile.foreground,
-            ..settings::profile_of(args, earlier.iterations, of_objects)?
+            ..settings::profile_of(args, earlier.iterations, is_object)?
         };
         if let Some(KnownLight(radiance)) = &settings.profile.known_light {
             profile = profile.under(radiance.to_vec());
@@ -107,17 +107,17 @@ pub(super) fn read_checkpoint(
         let start = Start { no_materials: true, ..args.start.clone() };
         let has_none = settings.profile.physical.is_some() && !args.start.relightable;
         if has_none && settings_of(&Train { start, ..args.clone() })? == earlier.settings {
-            return refuse("is of a training without materials; add --no-materials".to_owned());
+            return refuse("was trained without materials; add --no-materials".to_owned());
         }
         if let Some(LightReference::Map(light)) = &args.start.light_reference {
             return refuse(format!(
-                "is of a training under another light than that of {light:?}, or of specula {}, which trained \
-                 otherwise; name the file as it was",
+                "was trained under a light other than {light:?}, or by specula {}, whose training differs; use the \
+                 original file",
                 earlier.program
             ));
         }
         return refuse(format!(
-            "is of specula {}, which trained otherwise; continue with that version",
+            "was trained by specula {}, whose training differs; continue with that version",
             earlier.program
         ));
     }

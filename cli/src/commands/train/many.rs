@@ -13,12 +13,12 @@ use specula_io::{budget::FACTS, checkpoint, model_folder, within};
 use specula_scene::text::printable;
 use std::path::Path;
 
-/// Outcome of a training that did not fail.
+/// Outcome of a training without failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Outcome {
-    /// It ran to its end.
+    /// The training ran to its end.
     Trained,
-    /// Its folder held it already.
+    /// The folder already contains the finished training.
     Kept,
 }
 
@@ -33,15 +33,17 @@ pub(crate) fn list(manifest: &Manifest) -> Result<(), Failure> {
     })
 }
 
-/// Trains each task of a manifest. A training that fails does not end the others.
+/// Trains each task of a manifest, and goes on after failures.
 ///
 /// # Errors
-/// The failure of an only training; [`Failure::Interrupted`]; otherwise [`Failure::Input`] with the
-/// folders of all that failed.
+/// The failure of the training if there is only one; [`Failure::Interrupted`]; otherwise
+/// [`Failure::Input`] with the folders of all failed trainings.
 pub(crate) fn run(manifest: &Manifest, ranks: &Ranks<'_>) -> Result<(), Failure> {
     let Manifest { count, tasks, .. } = manifest;
     if ranks.size > 1 && tasks.len() > 1 {
-        return Err(Failure::Input(format!("ranks share one training at a time; select one of {count} with --task")));
+        return Err(Failure::Input(format!(
+            "several ranks can run only one training; select one of {count} with --task"
+        )));
     }
     let (mut done, mut failed) = (Vec::new(), Vec::new());
     for task in tasks {
@@ -70,7 +72,7 @@ pub(crate) fn run(manifest: &Manifest, ranks: &Ranks<'_>) -> Result<(), Failure>
     }
 }
 
-/// Starts a training, continues it from its checkpoint, or keeps what is finished.
+/// Starts a training, continues it from its checkpoint, or keeps it if it is finished.
 fn train(task: &Task, ranks: &Ranks<'_>) -> Result<Outcome, Failure> {
     let args = &super::with_resolution(&task.train)?;
     args.executor.check()?;
@@ -80,7 +82,7 @@ fn train(task: &Task, ranks: &Ranks<'_>) -> Result<Outcome, Failure> {
     let folder = &args.model_path;
     if let Some(difference) = config::difference_from(folder, args)?.filter(|_| model_folder::holds_training(folder)) {
         return Err(Failure::Input(format!(
-            "{folder:?} holds a training with {difference}; replace it (--overwrite), or name another model-path"
+            "{folder:?} contains a training with {difference}; replace it (--overwrite), or set another model-path"
         )));
     }
     if is_finished(args)? {
@@ -92,21 +94,21 @@ fn train(task: &Task, ranks: &Ranks<'_>) -> Result<Outcome, Failure> {
     super::run(&Train { resuming, ..args.clone() }, ranks).map(|()| Outcome::Trained)
 }
 
-/// Refuses a finished model of another data set, which is still where it was trained from.
+/// Rejects a finished model of another data set that still exists.
 fn refuse_other_data(args: &Train) -> Result<(), Failure> {
     let Some(info) = model_folder::read_info(&args.model_path)? else { return Ok(()) };
     let trained_on = Path::new(&info.source_path).canonicalize();
     let asked_for = args.source().and_then(|source| source.canonicalize().ok());
     match (trained_on, asked_for) {
         (Ok(then), Some(now)) if then != now => Err(Failure::Input(format!(
-            "{:?} holds a model of another data set, {then:?}; replace it (--overwrite), or name another model-path",
+            "{:?} contains a model of another data set, {then:?}; replace it (--overwrite), or set another model-path",
             args.model_path
         ))),
         _ => Ok(()),
     }
 }
 
-/// Whether the folder of a training holds its last iteration, measured if that was asked for.
+/// True if the folder contains the last iteration of its training, measured if requested.
 fn is_finished(args: &Train) -> Result<bool, Failure> {
     let folder = &args.model_path;
     let is_trained = model_folder::latest_iteration(folder).is_ok_and(|iteration| iteration == args.iterations);

@@ -28,7 +28,7 @@ use specula_scene::{
 };
 use std::thread;
 
-/// Views that a result was trained on and is measured with.
+/// Training and test views of a result.
 #[derive(Debug)]
 pub(super) struct Views<'a> {
     pub(super) data: &'a Capture,
@@ -67,7 +67,7 @@ fn save(args: &Train, training: &Training, scene: &Scene, info: &ModelInfo, view
     Ok(scene.save(&args.model_path, training.iteration(), info)?)
 }
 
-/// Writes what was trained, again and again while the disk is full and `wait` returns true.
+/// Writes the result, and tries again while the disk is full and `wait` returns true.
 fn write_when_there_is_space(
     mut write: impl FnMut() -> Result<(), Failure>,
     mut wait: impl FnMut() -> bool,
@@ -77,7 +77,7 @@ fn write_when_there_is_space(
         match write() {
             Err(Failure::File(error)) if error.is_full_disk() => {
                 if !is_told {
-                    tracing::warn!("{error}; make space, and the trained scene is saved then; Ctrl-C gives it up");
+                    tracing::warn!("{error}; free some space to save the trained scene, or discard it with Ctrl-C");
                 }
                 is_told = true;
                 if !wait() {
@@ -89,7 +89,7 @@ fn write_when_there_is_space(
     }
 }
 
-/// Waits before the disk is tried again; returns false where a signal asks to give up.
+/// Waits before the next attempt to write; returns false on a signal to give up.
 fn wait_for_space(was_interrupted: bool) -> bool {
     const PAUSE: Duration = Duration::from_secs(5);
     thread::sleep(PAUSE);
@@ -110,14 +110,14 @@ pub(super) fn finish(
     if !scene.is_finite() {
         return Err(Failure::Input(format!(
             "the training diverged by iteration {iteration}, to numbers that are not finite, and is not saved; check \
-             the cameras' poses with specula info, and leave out what is far from all others"
+             the camera poses with specula info, and remove outliers"
         )));
     }
     info.rest.insert("gaussians".into(), count.into());
     if count == 0 {
         tracing::warn!(
-            "the training kept no Gaussian, so its pictures show the background only; check masks and the cameras' \
-             poses with specula info, or start from more points with --random-points"
+            "the training kept no Gaussian, so its pictures show only the background; check masks and camera poses \
+             with specula info, or start from more points with --random-points"
         );
     }
     info.rest.insert("seconds".into(), ((seconds * 1000.0).round() / 1000.0).into());
@@ -134,7 +134,7 @@ pub(super) fn finish(
     }
     tracing::info!("saved {path:?}");
     if args.start.reflections == Some(Reflections::Near) && scene.near_field.is_none() {
-        tracing::info!("reflected rays meet nothing of the scene: all light comes from afar");
+        tracing::info!("no reflected ray hits the scene: all reflected light is distant");
     }
     let certified = certify_trained(args, &scene, views)?;
     if let Some(certified) = &certified {
@@ -163,8 +163,8 @@ pub(super) fn finish(
         save_certificate(args, &mut info, format!("{}; {report}", certified.certificate()))?;
     }
     materials.iter().for_each(|materials| materials.add_to(&mut measured));
-    let of_light = light.as_ref().map_or_else(Map::new, LightQuality::facts);
-    measure::save(&args.model_path, iteration, seconds, count, &measured, of_light)?;
+    let light_facts = light.as_ref().map_or_else(Map::new, LightQuality::facts);
+    measure::save(&args.model_path, iteration, seconds, count, &measured, light_facts)?;
     let means = measure::summary(&measure::means(&measured));
     let first = format!("{means}  ({} test views; {facts})", views.data.test.len());
     let albedo = materials.and_then(|materials| materials.albedo_scale).map(albedo_summary);
@@ -174,14 +174,14 @@ pub(super) fn finish(
     Ok(())
 }
 
-/// Agreement of the learned light with that of the data set. A file of the latter that cannot be
-/// read is only a warning.
+/// Agreement of the learned light with that of the data set. A true light that cannot be read is
+/// only a warning.
 fn measured_light(args: &Train, scene: &Scene, info: &ModelInfo, views: &Views<'_>) -> Option<LightQuality> {
     let up = up_of(Some(info), views.cameras.iter());
     match measure_light(scene, args.source()?, up) {
         Ok(compared) => compared.map(|(_, quality)| quality),
         Err(error) => {
-            tracing::warn!("the light is not compared with the true one: {error}");
+            tracing::warn!("cannot compare the light with the true one: {error}");
             None
         }
     }
@@ -226,12 +226,12 @@ fn save_certificate(args: &Train, info: &mut ModelInfo, certificate: String) -> 
     Ok(model_folder::save_info(&args.model_path, info)?)
 }
 
-/// Peak memory of the program, where it is known.
+/// Peak memory of the program, if known.
 fn peak_memory() -> String {
     memory::peak().map_or(String::new(), |bytes| format!(", {:.2} GiB at most", bytes as f64 / f64::from(1 << 30)))
 }
 
-/// Measures the materials of a scene on the views that are held out, if the data set has any.
+/// Measures the materials of a scene on the test views, if there are any.
 fn materials_of(scene: &Scene, options: &RenderOptions, data: &Capture) -> Result<Option<MaterialQuality>, Failure> {
     if !data.has_materials() {
         return Ok(None);
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_disk_is_tried_again_until_there_is_space_or_the_user_gives_up() {
+    fn saving_to_a_full_disk_is_repeated_until_it_succeeds_or_is_cancelled() {
         let mut results =
             [Err(fails_with(ErrorKind::StorageFull)), Err(fails_with(ErrorKind::QuotaExceeded)), Ok(())].into_iter();
         assert!(write_when_there_is_space(|| results.next().expect("three writes"), || true).is_ok());

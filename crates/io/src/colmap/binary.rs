@@ -1,4 +1,4 @@
-//! COLMAP's binary files: little-endian records behind their count.
+//! COLMAP's binary files: a count, then little-endian records.
 
 use super::record::{Camera, Image, KINDS, Point, UNREAD_KINDS, refuse, unknown_model};
 use crate::{
@@ -45,7 +45,7 @@ impl<'a> Records<'a> {
             return Err(refuse(
                 path,
                 "the header",
-                format!("promises {} {what}s, more than there are bytes for; copy the file again", records.count),
+                format!("promises {} {what}s, more than its bytes can hold; copy the file again", records.count),
             ));
         }
         Ok(records)
@@ -62,7 +62,7 @@ impl<'a> Records<'a> {
         }
         if self.left > 0 {
             tracing::warn!(
-                "{:?} has {} bytes after its {} {}s, which are not read; copy the file again if it should have more",
+                "{:?} has {} unread bytes after its {} {}s; copy the file again if it should have more",
                 self.path,
                 self.left,
                 self.count,
@@ -110,14 +110,14 @@ impl<'a> Records<'a> {
         Ok(numbers)
     }
 
-    /// Reads text that ends with a zero.
+    /// Reads zero-terminated text.
     fn text(&mut self) -> Result<String> {
         let mut bytes = Vec::new();
         let most = self.left.min(NAME_MAX);
         let read = self.reader.by_ref().take(most).read_until(0, &mut bytes).map_err(Error::reading(self.path))?;
         self.left -= read as u64;
         if bytes.pop() != Some(0) {
-            return Err(self.refuse("has a name without end; copy the file again"));
+            return Err(self.refuse("has a name without a terminator; copy the file again"));
         }
         String::from_utf8(bytes).map_err(|_| self.refuse("has a name that is not UTF-8; rename the image"))
     }

@@ -59,7 +59,7 @@ pub(super) const KINDS: [Kind; 11] = [
     Kind { number: 10, name: "THIN_PRISM_FISHEYE", params: 12 },
 ];
 
-/// Camera models whose pictures are not read, so that cameras without pictures may have them.
+/// Unsupported camera models, which only cameras without pictures may have.
 pub(super) const UNREAD_KINDS: [Kind; 5] = [
     Kind { number: 11, name: "RAD_TAN_THIN_PRISM_FISHEYE", params: 16 },
     Kind { number: 12, name: "SIMPLE_DIVISION", params: 4 },
@@ -72,8 +72,8 @@ pub(super) const UNREAD_KINDS: [Kind; 5] = [
 pub(super) fn unknown_model(model: &str) -> String {
     let known: Vec<&str> = KINDS.iter().map(|kind| kind.name).collect();
     format!(
-        "is of the camera model {model}; known are {}: undistort the images with colmap image_undistorter, or \
-         reconstruct with one of these",
+        "has the unsupported camera model {model}; undistort the images with colmap image_undistorter, or reconstruct \
+         with one of {}",
         known.join(", ")
     )
 }
@@ -84,7 +84,7 @@ pub(super) fn refuse(path: &Path, place: impl Into<String>, what: impl Into<Stri
 }
 
 impl Image {
-    /// Pose of the image; none where it is not finite or has no rotation.
+    /// Pose of the image; `None` if it is not finite or has no rotation.
     pub(super) fn pose(&self) -> Option<Pose> {
         let [w, x, y, z] = self.quat;
         let length = DQuat::from_xyzw(x, y, z, w).length();

@@ -1,5 +1,5 @@
-//! COLMAP's text files: one record on a line, two lines for an image; words are separated by
-//! spaces, and comments begin with #.
+//! COLMAP's text files: one line per record, two per image; words are separated by spaces, and
+//! comments begin with #.
 
 use super::record::{Camera, Image, KINDS, Kind, Point, refuse, unknown_model};
 use crate::{
@@ -14,7 +14,7 @@ use std::{
     path::Path,
 };
 
-/// Start of files of some editors.
+/// Byte order mark, which some editors write.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 /// Longest line of an image: ten numbers and a name.
 const IMAGE_LINE_MAX: u64 = 8192;
@@ -46,8 +46,7 @@ impl<'a> Lines<'a> {
         Ok(read > 0)
     }
 
-    /// Reads the next line, of which no more than a record of an image may have; false at the end
-    /// of the file.
+    /// Reads the next line, at most as long as an image's record; false at the end of the file.
     fn next_short(&mut self) -> Result<bool> {
         self.line.clear();
         self.number += 1;
@@ -99,7 +98,7 @@ impl<'a> Words<'a> {
         word.parse().map_err(|_| self.lines.refuse(format!("has {word:?} where its {name} should be")))
     }
 
-    /// Number of pixels, which some programs write with decimals.
+    /// Number of pixels; some programs write decimals.
     fn size(&mut self, name: &str) -> Result<u64> {
         let size: f64 = self.number(name)?;
         let is_whole = size >= 0.0 && size.fract() == 0.0;
@@ -115,8 +114,8 @@ impl<'a> Words<'a> {
     }
 }
 
-/// Reads `cameras.txt`: identifier, model, width, height, parameters. Cameras may be faulty, where
-/// no image has them.
+/// Reads `cameras.txt`: identifier, model, width, height, parameters. Cameras without images may be
+/// faulty.
 pub(super) fn cameras(path: &Path) -> Result<Vec<(u32, Result<Camera>)>> {
     let mut lines = Lines::open(path)?;
     let mut cameras = Vec::new();
@@ -143,7 +142,7 @@ fn camera(mut words: Words<'_>) -> Result<Camera> {
 }
 
 /// Reads `images.txt`: identifier, quaternion, translation, camera, name. The line of 2D points
-/// below is skipped; some programs leave it out.
+/// below is skipped; some programs omit it.
 pub(super) fn images(path: &Path) -> Result<Vec<Image>> {
     let mut lines = Lines::open(path)?;
     let mut images = Vec::new();

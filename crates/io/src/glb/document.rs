@@ -125,13 +125,13 @@ pub(super) struct File<'a> {
 }
 
 impl<'a> File<'a> {
-    /// Document of the bytes of a file, with the buffers that lie beside it.
+    /// Document from the bytes of a file, with its external buffers.
     pub(super) fn new(input: Input<'a>, bytes: &'a [u8]) -> Result<Self> {
         let path = input.path();
         let (text, binary) = if bytes.trim_ascii_start().starts_with(b"{") || bytes.starts_with(BYTE_ORDER_MARK) {
             (bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes), &[][..])
         } else {
-            chunks(bytes).ok_or_else(|| broken(path, &"it is no glTF 2.0, or cut short"))?
+            chunks(bytes).ok_or_else(|| broken(path, &"it is not glTF 2.0, or cut short"))?
         };
         let document: Document = serde_json::from_slice(text).map_err(|error| broken(path, &error))?;
         let mut file = Self { path, document, buffers: Vec::new() };
@@ -155,17 +155,19 @@ impl<'a> File<'a> {
         broken(self.path, cause)
     }
 
-    /// Bytes that a buffer names: its own text, or a file in the folder of the document.
+    /// Bytes of a buffer: embedded text, or a file in the folder of the document.
     fn resource(&self, uri: &str, is_on_disk: bool) -> Result<Vec<u8>> {
         if let Some(data) = uri.strip_prefix("data:") {
             let text = data.split_once(";base64,").map(|(_, text)| text);
             let bytes = text.and_then(|text| STANDARD.decode(text).ok());
-            return bytes.ok_or_else(|| self.broken(&"one of its buffers is no text in base64"));
+            return bytes.ok_or_else(|| self.broken(&"one of its buffers is not valid base64"));
         }
         let name = PathBuf::from(percent_decode_str(uri).decode_utf8_lossy().as_ref());
         let is_inside = name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
         if !is_inside || uri.contains(':') {
-            return Err(self.broken(&format_args!("its buffer {uri:?} is outside of its folder; put it there")));
+            return Err(
+                self.broken(&format_args!("its buffer {uri:?} is outside of its folder; move it into the folder"))
+            );
         }
         if !is_on_disk {
             return Err(self.broken(&format_args!("its buffer {uri:?} is another file; save it as .glb, in one file")));
@@ -180,7 +182,7 @@ impl<'a> File<'a> {
         Some((self.buffers.get(*buffer)?.get(*byte_offset..end)?, *byte_stride))
     }
 
-    /// Number of elements of an attribute; none where the primitive has none of this name.
+    /// Number of elements of an attribute; `None` if the primitive does not have it.
     pub(super) fn count(&self, primitive: &Primitive, name: &str) -> Option<usize> {
         Some(self.accessor(primitive, name)?.count)
     }
@@ -190,7 +192,7 @@ impl<'a> File<'a> {
         self.document.accessors.get(usize::try_from(index).ok()?)
     }
 
-    /// Numbers of an attribute; none where the primitive has none of this name.
+    /// Numbers of an attribute; `None` if the primitive does not have it.
     pub(super) fn attribute(
         &self,
         primitive: &Primitive,
@@ -210,13 +212,13 @@ impl<'a> File<'a> {
         let numbers = accessor.filter(fits).and_then(|accessor| self.numbers(accessor, width));
         numbers.map(Some).ok_or_else(|| {
             self.broken(&match accessor.and_then(|accessor| self.unread(accessor)) {
-                Some(kind) => format!("its {name} is {kind}, which is not read; write it without"),
-                None => format!("its {name} is cut short, or of a kind that is not read"),
+                Some(kind) => format!("its {name} is {kind}, which is not supported; export it without"),
+                None => format!("its {name} is cut short, or of an unsupported type"),
             })
         })
     }
 
-    /// Feature of an accessor that is not read.
+    /// Unsupported feature of an accessor.
     fn unread(&self, accessor: &Accessor) -> Option<String> {
         let view = accessor.buffer_view.and_then(|view| self.document.buffer_views.get(view));
         let compressed = view.and_then(|view| view.extensions.keys().next());
@@ -232,7 +234,7 @@ impl<'a> File<'a> {
         }
         let (bytes, stride) = self.view(view)?;
         let bytes = bytes.get(accessor.byte_offset..)?;
-        // The numbers of a byte and of a short, as glTF scales them.
+        // Normalised bytes and shorts, as glTF defines them.
         let scaled = |number: f32, largest: f32| {
             if accessor.normalized { (number / largest).max(-1.0) } else { number }
         };
@@ -245,7 +247,7 @@ impl<'a> File<'a> {
             _ => return None,
         };
         let stride = stride.unwrap_or(size * width).max(size * width);
-        // The file bounds the memory: elements do not overlap.
+        // Elements do not overlap, so the file's length bounds the memory.
         let needed = stride.checked_mul(accessor.count.checked_sub(1)?)?.checked_add(size * width)?;
         if needed > bytes.len() {
             return None;
@@ -259,7 +261,7 @@ impl<'a> File<'a> {
 
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
-/// Text and binary chunk of a `.glb`, which may have no binary one.
+/// Text and optional binary chunk of a `.glb`.
 fn chunks(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let word = |at: usize| Some(u32::from_le_bytes(*bytes.get(at..)?.first_chunk()?));
     let chunk = |at: usize, kind: u32| {

@@ -1,4 +1,4 @@
-//! Places of the Gaussians of a document: its scene's nodes with their transforms.
+//! Nodes of a document's scene that have Gaussians, with their transforms.
 
 use super::{
     SPLATTING,
@@ -10,7 +10,7 @@ use std::collections::HashSet;
 
 /// Extension that repeats the mesh of a node.
 const INSTANCING: &str = "EXT_mesh_gpu_instancing";
-/// Most lists of Gaussians of a scene; nodes may repeat lists.
+/// Maximum number of lists of Gaussians in a scene; nodes may repeat lists.
 const LISTS_MAX: usize = 1 << 16;
 
 /// A list of Gaussians in the world.
@@ -35,7 +35,7 @@ impl Above {
 }
 
 impl Placed<'_> {
-    /// Whether nodes turn and scale the list, but neither stretch nor shear nor mirror it.
+    /// True if nodes rotate and scale the list, but do not stretch, shear or mirror it.
     pub(super) fn is_similar(&self) -> bool {
         let matrix = self.world.matrix3;
         let scale = matrix.determinant().cbrt();
@@ -43,8 +43,8 @@ impl Placed<'_> {
         scale > 0.0 && (matrix * scale.recip()).abs_diff_eq(rotation, UNIFORM)
     }
 
-    /// Up direction in the world of a similar list: +y of glTF; for files of this program without a
-    /// rotation, whose world is that of a data set, +z.
+    /// Up direction in the world of a similar list: +y as in glTF; +z for files of this program
+    /// without a rotation, which use the world of the data set.
     pub(super) fn up(&self, is_of_data: bool) -> [f64; 3] {
         let rotation = match self.rotation {
             None if is_of_data => return [0.0, 0.0, 1.0],
@@ -56,8 +56,8 @@ impl Placed<'_> {
 }
 
 impl File<'_> {
-    /// Lists of Gaussians of the scene, or, with a note, of all nodes where the scene has none;
-    /// without nodes of all meshes.
+    /// Lists of Gaussians of the scene; if it has none, of all nodes, with a note; without nodes,
+    /// of all meshes.
     pub(super) fn placed(&self, notes: &mut Vec<String>) -> Result<Vec<Placed<'_>>> {
         let document = &self.document;
         let mut placed = Vec::new();
@@ -70,7 +70,7 @@ impl File<'_> {
         if placed.is_empty() {
             self.place_below(&self.roots(), &mut placed)?;
             if !placed.is_empty() && !document.scenes.is_empty() {
-                notes.push(format!("{:?} has Gaussians outside of its scene only, and these are shown", self.path));
+                notes.push(format!("{:?} has Gaussians only outside of its scene; these are rendered", self.path));
             }
         }
         if placed.is_empty() {
@@ -104,19 +104,19 @@ impl File<'_> {
         Ok(())
     }
 
-    /// Refuses a node of Gaussians whose place is not known.
+    /// Rejects a node of Gaussians with an unknown transform.
     fn refuse_unknown_place(&self, index: usize, node: &Node, here: Above) -> Result<()> {
         let determinant = here.world.matrix3.determinant();
         if !here.world.is_finite() || !determinant.is_finite() || determinant == 0.0 {
             return Err(self.broken(&format_args!("the transform of its node {index} has no inverse")));
         }
         if node.extensions.contains_key(INSTANCING) {
-            return Err(self.broken(&format_args!("its node {index} has {INSTANCING}, which is not read")));
+            return Err(self.broken(&format_args!("its node {index} has {INSTANCING}, which is not supported")));
         }
         Ok(())
     }
 
-    /// Nodes that are below no others.
+    /// Root nodes.
     fn roots(&self) -> Vec<usize> {
         let mut is_child = vec![false; self.document.nodes.len()];
         for child in self.document.nodes.iter().flat_map(|node| &node.children) {
@@ -136,7 +136,7 @@ impl File<'_> {
         Ok(())
     }
 
-    /// Note on parts of a document that are not shown beside Gaussians.
+    /// Note on parts of a document that are not rendered.
     pub(super) fn left_out(&self, placed: &[Placed<'_>]) -> Option<String> {
         let shown: HashSet<*const Primitive> =
             placed.iter().map(|placed| core::ptr::from_ref(placed.primitive)).collect();
@@ -149,7 +149,7 @@ impl File<'_> {
         ];
         let counts = counts.into_iter().filter(|(count, _)| *count > 0);
         let names: Vec<String> = counts.map(|(count, name)| format!("{count} {name}")).collect();
-        (!names.is_empty()).then(|| format!("{:?} has {} that are not shown", self.path, names.join(" and ")))
+        (!names.is_empty()).then(|| format!("{:?} has {} that are not rendered", self.path, names.join(" and ")))
     }
 }
 

@@ -1,4 +1,4 @@
-//! Reader of Gaussians in glTF: of this program's files, and of others' with the Khronos extension.
+//! Reader of Gaussians in glTF: files of this program, and of others with the Khronos extension.
 
 use super::{
     Attribute, LINEAR, MAGIC, SHADING, SPLATTING, SRGB, Shading,
@@ -27,7 +27,7 @@ use specula_core::{
 };
 use std::{collections::HashMap, path::Path};
 
-/// Words of the extension that are known. The first is the one where none is named.
+/// Supported values of the extension. The first is the default.
 const KNOWN: [(&str, &[&str]); 4] = [
     ("kernel", &["ellipse"]),
     ("colorSpace", &[SRGB, LINEAR]),
@@ -36,9 +36,9 @@ const KNOWN: [(&str, &[&str]); 4] = [
 ];
 /// Extensions that a file may require.
 const READ: [&str; 3] = [SPLATTING, SHADING, "KHR_mesh_quantization"];
-/// Most Gaussians that nodes add to those of a file by repeating its lists.
+/// Maximum number of Gaussians that nodes may add by repeating lists.
 const REPEATED_MAX: usize = 1 << 20;
-/// Opacities beyond 0 to 1 by no more than this are rounded.
+/// Largest excess of opacities over the range 0 to 1 that is clamped.
 const OPACITY_ROUNDING: f32 = 1e-3;
 /// Directions in which linear colours are converted.
 const DIRECTION_COUNT: usize = 64;
@@ -46,16 +46,16 @@ const DIRECTION_COUNT: usize = 64;
 /// Contents of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GlbScene {
-    /// Gaussians with harmonics of colours: of one list, in the world of its attributes; of
-    /// several, or one that is stretched, in the world of the file.
+    /// Gaussians with harmonics: for a single list, in the world of its attributes; for several, or
+    /// a stretched one, in the world of the file.
     pub gaussians: Gaussians<Vec<f32>>,
-    /// Shading attributes, where there are any.
+    /// Shading attributes, if there are any.
     pub shading: Option<Shading>,
     /// Up direction in the world of the Gaussians, a unit vector.
     pub up: [f64; 3],
-    /// Origin of the Gaussians in the world of their data set, as this program's files name it.
+    /// Origin of the Gaussians in the world of their data set, from files of this program.
     pub origin: [f64; 3],
-    /// Notes on parts of the file that are not taken as they are, a sentence each.
+    /// Notes on parts of the file that are ignored or changed, one sentence each.
     pub notes: Vec<String>,
 }
 
@@ -82,7 +82,7 @@ pub fn read(input: Input<'_>) -> Result<GlbScene> {
     let bytes = input.bytes()?;
     let file = File::new(input, &bytes)?;
     if let Some(name) = file.document.extensions_required.iter().find(|name| !READ.contains(&name.as_str())) {
-        return Err(file.broken(&format_args!("it requires {name}, which is not read; write it without")));
+        return Err(file.broken(&format_args!("it requires {name}, which is not supported; export it without")));
     }
     let mut notes = Vec::new();
     let placed = file.placed(&mut notes)?;
@@ -108,8 +108,8 @@ impl File<'_> {
         let repeated = written.values().fold(wanted, |wanted, count| wanted.saturating_sub(*count));
         if repeated > REPEATED_MAX {
             return Err(self.broken(&format_args!(
-                "its nodes repeat lists, {repeated} Gaussians beyond those in the file, of which {REPEATED_MAX} can be \
-                 read; write fewer nodes"
+                "its nodes repeat lists, with {repeated} Gaussians beyond those in the file, above the limit of \
+                 {REPEATED_MAX}; export fewer nodes"
             )));
         }
         let bytes = wanted.saturating_mul(4 * Layout::radiance(3).plane_count()) as u64;
@@ -119,10 +119,13 @@ impl File<'_> {
             let mut gaussians = self.gaussians(list.primitive, &mut notes)?;
             let is_exact = affine::map(&mut gaussians, list.world);
             if self.shading_properties(list.primitive).is_some() {
-                notes.push(format!("{:?} has {SHADING} in several or stretched lists: shown by harmonics", self.path));
+                notes.push(format!(
+                    "{:?} has {SHADING} in several or stretched lists; its harmonics are rendered instead",
+                    self.path
+                ));
             }
             if gaussians.layout.sh_count() > 1 && !is_exact {
-                notes.push(format!("{:?} stretches or shears Gaussians, whose harmonics only turn", self.path));
+                notes.push(format!("{:?} stretches or shears Gaussians; their harmonics are only rotated", self.path));
             }
             lists.push(gaussians);
         }
@@ -151,7 +154,7 @@ impl File<'_> {
         let Some(degree) = degree(harmonics.len()) else {
             let count = harmonics.len();
             return Err(
-                self.broken(&format_args!("it has {count} harmonics; 1, 4, 9 or 16 make a degree, from 0 to 3"))
+                self.broken(&format_args!("it has {count} harmonics; valid are 1, 4, 9 or 16, for degrees 0 to 3"))
             );
         };
         let are_logarithms = scales.iter().any(|scale| *scale < 0.0);
@@ -171,46 +174,49 @@ impl File<'_> {
         }
         if word(extension, "colorSpace") == Some(LINEAR) {
             encode(&mut gaussians);
-            notes.push(format!("{path:?} has colours in {LINEAR}, encoded as sRGB for each Gaussian, and blended so"));
+            notes.push(format!(
+                "{path:?} has colours in {LINEAR}; they are encoded as sRGB per Gaussian before blending"
+            ));
         }
         notes.extend(self.left_out_of(primitive, extension, harmonics.len()));
         Ok(gaussians)
     }
 
-    /// Refuses a list that is shown otherwise than this program does.
+    /// Rejects a list that needs another way of rendering.
     fn refuse_unknown(&self, primitive: &Primitive, extension: &Value) -> Result<()> {
         for (key, known) in KNOWN {
             let found = extension.get(key).unwrap_or(&Value::Null);
             if !found.is_null() && !found.as_str().is_some_and(|word| known.contains(&word)) {
                 let known = known.join(" or ");
-                return Err(self.broken(&format_args!("its {key} is {found}, and only {known} is known")));
+                return Err(self.broken(&format_args!("its {key} is {found}; only {known} is supported")));
             }
         }
         if primitive.indices.is_some() {
-            return Err(self.broken(&"its Gaussians have indices; write each Gaussian once, without"));
+            return Err(self.broken(&"its Gaussians have indices; export them without"));
         }
         Ok(())
     }
 
-    /// Refuses opacities that are none. Converting them is not safe: no text of the extension has
-    /// logits, so that any number is as likely a fault.
+    /// Rejects opacities out of range. Converting them is not safe: no version of the extension has
+    /// logits, so they are probably faulty.
     fn refuse_logits(&self, opacities: &[f32]) -> Result<()> {
         let range = -OPACITY_ROUNDING..=1.0 + OPACITY_ROUNDING;
         match opacities.iter().find(|opacity| !opacity.is_nan() && !range.contains(opacity)) {
             None => Ok(()),
-            Some(opacity) => Err(self.broken(&format_args!(
-                "its opacities are beyond 0 to 1 ({opacity}), as before their activation; write them activated"
-            ))),
+            Some(opacity) => {
+                Err(self
+                    .broken(&format_args!("its opacities are not in 0 to 1 ({opacity}); export activated opacities")))
+            }
         }
     }
 
-    /// Error on a list without an attribute.
+    /// Error for a list without an attribute.
     fn without(&self, name: &str, extension: &Value) -> Error {
         match self.unknown_extensions(extension).next() {
             Some(other) => {
-                self.broken(&format_args!("its Gaussians are in {other}, which is not read; write them without"))
+                self.broken(&format_args!("its Gaussians are in {other}, which is not supported; export them without"))
             }
-            None => self.broken(&format_args!("its Gaussians have no {name}; write them without another compression")),
+            None => self.broken(&format_args!("its Gaussians have no {name}; export them without compression")),
         }
     }
 
@@ -219,7 +225,7 @@ impl File<'_> {
         extensions.into_iter().flat_map(|names| names.keys()).filter(|name| *name != SHADING)
     }
 
-    /// Note on properties and attributes of a list that are not used.
+    /// Note on unused properties and attributes of a list.
     fn left_out_of(&self, primitive: &Primitive, extension: &Value, harmonics: usize) -> Option<String> {
         let is_known = |key: &&String| {
             KNOWN.iter().any(|(known, _)| known == key) || ["extensions", "extras"].contains(&key.as_str())
@@ -234,10 +240,10 @@ impl File<'_> {
         };
         let names: Vec<&str> =
             properties.chain(primitive.attributes.keys().filter(own)).map(String::as_str).take(8).collect();
-        (!names.is_empty()).then(|| format!("{:?} has {} beside its Gaussians: left out", self.path, names.join(", ")))
+        (!names.is_empty()).then(|| format!("{:?} also has {}: ignored", self.path, names.join(", ")))
     }
 
-    /// Harmonics from the constant one on, as many as there are.
+    /// Available harmonics, starting with the constant one.
     fn harmonics(&self, primitive: &Primitive, of: &str, prefix: &str, count: usize) -> Result<Vec<Vec<f32>>> {
         let mut all = Vec::new();
         for k in 0..16 {
@@ -273,7 +279,7 @@ impl File<'_> {
 
     fn light(&self, light: Value) -> Result<(Vec<f32>, usize)> {
         let LightReference { buffer_view } = serde_json::from_value(light).map_err(|error| self.broken(&error))?;
-        let (bytes, _) = self.view(buffer_view).ok_or_else(|| self.broken(&"its light is not there"))?;
+        let (bytes, _) = self.view(buffer_view).ok_or_else(|| self.broken(&"its light is missing"))?;
         latlong::cube_from(Input::memory("its light", bytes)).map_err(|error| self.broken(&error))
     }
 }
@@ -282,7 +288,7 @@ fn word<'v>(extension: &'v Value, key: &str) -> Option<&'v str> {
     extension.get(key)?.as_str()
 }
 
-/// Lists one after the other, with the harmonics of the largest degree.
+/// Concatenates lists, with the harmonics of the largest degree.
 fn concatenated(lists: &[Gaussians<Vec<f32>>]) -> Gaussians<Vec<f32>> {
     let count = lists.iter().map(|list| list.count).sum();
     let layout = Layout::radiance(lists.iter().filter_map(|list| list.layout.sh_degree).max().unwrap_or(0));
@@ -290,7 +296,7 @@ fn concatenated(lists: &[Gaussians<Vec<f32>>]) -> Gaussians<Vec<f32>> {
     let mut next = 0;
     for list in lists {
         for index in 0..list.count {
-            // Planes of harmonics come last, so that fewer of them are the first of more.
+            // Planes of harmonics come last, so a lower degree is a prefix of a higher one.
             (0..list.layout.plane_count()).for_each(|plane| all.set(next, plane, list.get::<1>(index, plane)));
             next += 1;
         }
@@ -298,8 +304,8 @@ fn concatenated(lists: &[Gaussians<Vec<f32>>]) -> Gaussians<Vec<f32>> {
     all
 }
 
-/// Encodes linear colours of harmonics as sRGB: by least squares over directions all around, which
-/// is exact for colours that are the same in all of them.
+/// Encodes linear colours of harmonics as sRGB: by least squares over the sphere of directions,
+/// which is exact for constant colours.
 fn encode(gaussians: &mut Gaussians<Vec<f32>>) {
     let (start, count) = (gaussians.layout.sh_start(), gaussians.layout.sh_count());
     let around = directions(DIRECTION_COUNT).map(|direction| sh_fit::harmonics(direction.map(|x| x as f32), count));
@@ -317,7 +323,7 @@ fn encode(gaussians: &mut Gaussians<Vec<f32>>) {
     };
     let encoded: Vec<_> = (0..gaussians.count).into_par_iter().map(encoded).collect();
     for (index, harmonics) in encoded.into_iter().enumerate() {
-        // Numbers that are not finite stay, and are refused.
+        // Numbers that are not finite are kept and rejected later.
         for (k, harmonic) in harmonics.iter().flatten().take(count).enumerate() {
             gaussians.set(index, start + 3 * k, *harmonic);
         }
@@ -334,7 +340,7 @@ fn fill<const N: usize>(
     values.as_chunks().0.iter().enumerate().for_each(|(index, of)| gaussians.set(index, plane, convert(*of)));
 }
 
-/// Degree of as many harmonics; none where no degree has so many.
+/// Degree with this number of harmonics; `None` if there is none.
 pub const fn degree(count: usize) -> Option<u8> {
     match count {
         1 => Some(0),
@@ -383,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_written_is_read() {
+    fn written_files_are_read_back() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.glb");
         let root = core::f64::consts::FRAC_1_SQRT_2;
@@ -400,7 +406,7 @@ mod tests {
                 assert!(apart.fold(0.0, f32::max) <= ROUNDING, "plane {plane}");
             }
             assert_eq!(read.shading, shading);
-            // A turn of −90° about x takes +z to +y, and +z is the up axis of data sets.
+            // A rotation by −90° about x maps +z, the up axis of data sets, to +y.
             assert!((DVec3::from(read.up) - DVec3::Z).length() < 1e-12, "{:?}", read.up);
         }
     }
@@ -409,7 +415,7 @@ mod tests {
     fn foreign(change: impl FnOnce(&mut Value)) -> Vec<u8> {
         let floats: [f32; 12] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6];
         let mut binary: Vec<u8> = floats.iter().flat_map(|number| number.to_le_bytes()).collect();
-        // Quats in shorts, opacities in bytes of which each fourth counts, a constant harmonic.
+        // Quats as shorts, opacities as every fourth byte, a constant harmonic.
         binary.extend([0_i16, 0, 0, 32767, 32767, 0, 0, 0].iter().flat_map(|number| number.to_le_bytes()));
         binary.extend([51, 0, 0, 0, 204, 0, 0, 0]);
         let view = |start: usize, len: usize| json!({"buffer": 0, "byteOffset": start, "byteLength": len});
@@ -449,7 +455,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_end_in_a_sentence() {
+    fn faulty_files_are_errors() {
         let refused = |bytes: &[u8]| read(Input::memory("a.glb", bytes)).unwrap_err().to_string();
         let right = foreign(|_| ());
         for len in (0..right.len()).step_by(7) {

@@ -262,7 +262,7 @@ fn tensors_that_are_missing_or_odd_are_named() {
             header.as_object_mut().unwrap().remove(name);
             header["another"] = info;
         });
-        spoilt.refuses(&renamed, &[&format!("{name:?}"), "not there"]);
+        spoilt.refuses(&renamed, &[&format!("{name:?}"), "missing"]);
         let other_kind = if name == "order" { "F32" } else { "I32" };
         spoilt.refuses(&spoilt.with_header(|header| header[name]["dtype"] = other_kind.into()), &[name, other_kind]);
     }
@@ -323,7 +323,7 @@ fn facts_that_no_training_comes_to_are_refused() {
 #[test]
 fn headers_that_are_not_ours_are_refused() {
     let spoilt = Spoilt::new();
-    spoilt.refuses(&spoilt.with_header(|header| header["__metadata__"] = json!({})), &["not of specula"]);
+    spoilt.refuses(&spoilt.with_header(|header| header["__metadata__"] = json!({})), &["not written by specula"]);
     spoilt.refuses(&spoilt.with_header(|header| header["__metadata__"]["specula"] = json!("?")), &["the header"]);
     spoilt.refuses(&spoilt.with_ours("format", json!(2)), &["format 2", "format 1"]);
     spoilt.refuses(&spoilt.with_ours("format", json!("one")), &["the header"]);

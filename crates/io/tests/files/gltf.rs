@@ -209,7 +209,7 @@ fn scales_of_drafts_are_logarithms_and_logits_are_refused() {
     assert_eq!(read_again.gaussians, plain);
     assert!(read_again.notes.concat().contains("negative scales"));
     arrays.floats(&format!("{S}:OPACITY"), 1, &[-1.4, 0.0, 2.2]);
-    assert!(read(&arrays.document()).unwrap_err().contains("opacities are beyond 0 to 1 (-1.4)"));
+    assert!(read(&arrays.document()).unwrap_err().contains("opacities are not in 0 to 1 (-1.4)"));
 }
 
 #[test]

@@ -417,7 +417,7 @@ fn what_is_no_model_is_refused() {
         let sentence = model_folder::open(path).unwrap_err().to_string();
         assert!(parts.iter().all(|part| sentence.contains(part)), "{sentence}");
     };
-    refused(folder.path(), &["no point_cloud/iteration_N/point_cloud.ply", "training wrote"]);
+    refused(folder.path(), &["no point_cloud/iteration_N/point_cloud.ply", "folder of a training"]);
     refused(&folder.path().join("no.ply"), &["cannot read", "no.ply"]);
 
     save(folder.path(), 5, None);

@@ -86,7 +86,7 @@ fn names_of_any_system_find_their_pictures() {
     let data = load(&data_set("transforms.json", &["images/x.png"], &["images/x.png.png"], json!({})));
     assert_eq!(pictures(&data), [10]);
     let data = load(&data_set("transforms.json", &["/a/b/x.png"], &["images/x.png"], json!({})));
-    assert_says(&remark(&data), &["\"/a/b/x.png\" is in no folder", "\"images/x.png\" was taken"]);
+    assert_says(&remark(&data), &["\"/a/b/x.png\" is not in a folder", "using \"images/x.png\""]);
 }
 
 #[test]
@@ -99,11 +99,11 @@ fn several_pictures_that_may_be_meant_are_told_and_none_is_taken() {
     fs::rename(folder.path().join("images/a.PNG"), folder.path().join("images/a.webp")).unwrap();
     let data = load(&folder);
     assert_eq!(names(&data.train), ["b"]);
-    assert_says(&remark(&data), &["1 cameras of which several images", "\"A.png\""]);
+    assert_says(&remark(&data), &["1 cameras with several matching images", "\"A.png\""]);
     let moved = data_set("transforms.json", &["images/x.png", "photos/x.png"], &["images/x.png"], json!({}));
     let data = load(&moved);
     assert_eq!(pictures(&data), [10]);
-    assert_says(&remark(&data), &["skipped 1 cameras of an image that another one has"]);
+    assert_says(&remark(&data), &["skipped 1 cameras that share an image with another one"]);
 }
 
 #[test]
@@ -112,7 +112,7 @@ fn test_views_do_not_get_the_pictures_of_training_views() {
     fs::write(folder.path().join("transforms_test.json"), list(&["/data/test/r_0"], json!({}))).unwrap();
     let data = load(&folder);
     assert_eq!(pictures(&data), [10]);
-    assert_says(&remark(&data), &["skipped 1 test views without an image of their own: \"/data/test/r_0\""]);
+    assert_says(&remark(&data), &["skipped 1 test views that share an image with a training view: \"/data/test/r_0\""]);
 }
 
 #[test]
@@ -124,7 +124,7 @@ fn colmap_names_pictures_on_windows_and_one_of_them_twice() {
     write_pictures(&folder, &["images/cam/a.png", "images/cam/b.png"]);
     let data = load(&folder);
     assert_eq!(crate::photographs::names(&data.train), ["a", "b"]);
-    assert_says(&remark(&data), &["skipped 1 cameras of an image that another one has"]);
+    assert_says(&remark(&data), &["skipped 1 cameras that share an image with another one"]);
 }
 
 #[test]
@@ -145,7 +145,12 @@ fn split_lists_and_masks_and_points_may_be_named_on_windows() {
     assert_eq!((names(&data.train), names(&data.test)), (vec!["a"], vec!["b"]));
     assert!(data.train[0].image.rgba.chunks(4).all(|pixel| pixel == UNKNOWN), "its mask is black");
     assert_eq!(data.points.as_ref().unwrap().colors, [[0.0, 0.2, 1.0]]);
-    let parts = ["1 names of train_filenames", "\"nothing.png\"", "1 of 2 pictures have no mask", "not one of every 3"];
+    let parts = [
+        "1 names of train_filenames",
+        "\"nothing.png\"",
+        "1 of 2 pictures have no mask",
+        "one of every 3 has no effect",
+    ];
     assert_says(&remark(&data), &parts);
 }
 
@@ -178,10 +183,10 @@ fn the_folder_of_images_may_be_named_with_every_list() {
 fn formats_that_are_not_read_are_named() {
     let folder = data_set("transforms.json", &["images/a.heic", "images/b.png"], &["images/b.png"], json!({}));
     fs::write(folder.path().join("images/a.heic"), "").unwrap();
-    assert_says(&remark(&load(&folder)), &["skipped 1 images of a format that is not read", "a.heic", "PNG or JPEG"]);
+    assert_says(&remark(&load(&folder)), &["skipped 1 images of an unsupported format", "a.heic", "PNG or JPEG"]);
     fs::rename(folder.path().join("images/b.png"), folder.path().join("images/b.TIF")).unwrap();
     let refusal = try_load(&folder, &options()).unwrap_err().to_string();
-    assert_says(&refusal, &["a.heic", "a format that is not read", "convert"]);
+    assert_says(&refusal, &["a.heic", "an unsupported format", "convert"]);
     fs::write(folder.path().join("images/b.png"), b"II*\0\x08\0\0\0\0\0\0\0").unwrap();
     assert_says(&try_load(&folder, &options()).unwrap_err().to_string(), &["b.png", "it is TIFF"]);
 }
@@ -233,11 +238,14 @@ fn masks_that_cannot_be_read_are_told() {
         folder
     };
     let folder = with_masks(&["a.npy", "b.npy"]);
-    assert_says(&remark(&load(&folder)), &["masks\" has no mask that can be read", "PNG"]);
+    assert_says(&remark(&load(&folder)), &["masks\" has no readable mask", "PNG"]);
     let folder = with_masks(&["a.tif"]);
-    assert_says(&remark(&load(&folder)), &["masks\" has no mask that can be read"]);
+    assert_says(&remark(&load(&folder)), &["masks\" has no readable mask"]);
     write_mask(&folder, "masks/b.png");
-    assert_says(&remark(&load(&folder)), &["1 of 2 masks", "not read", "a.tif", "2 of 3 pictures have no mask"]);
+    assert_says(
+        &remark(&load(&folder)),
+        &["1 of 2 masks", "unsupported formats", "a.tif", "2 of 3 pictures have no mask"],
+    );
     #[cfg(unix)]
     for name in ["masks", "masks/a.png"] {
         let folder = Scene::pinhole().folder();
@@ -268,7 +276,7 @@ fn masks_and_pictures_without_each_other_are_told() {
         { "file_path": "x.png", "mask_path": "m/x.png", "transform_matrix": FROM_ABOVE },
     ]});
     let folder = data_set("transforms.json", &[], &["x.png"], list);
-    assert_says(&remark(&load(&folder)), &["skipped 1 masks that the list names", "m/x.png"]);
+    assert_says(&remark(&load(&folder)), &["skipped 1 masks in the list", "m/x.png"]);
 }
 
 fn write_points(folder: &TempDir, name: &str, kind: &str, colors: [&str; 3], numbers: &str) {
@@ -309,7 +317,7 @@ fn points_of_a_data_set_are_found_by_any_usual_name() {
             write_points(&folder, place, "float", ["u", "v", "w"], "1 1 1");
             let data = load(&folder);
             assert_eq!(data.points.as_ref().unwrap().positions, [[1.0, 2.0, 3.0]], "{place}");
-            assert_says(&remark(&data), &["no colours that are known", "grey"]);
+            assert_says(&remark(&data), &["no known colours", "grey"]);
             assert_eq!(data.report.left_out, [""; 0], "{place}");
         }
     }
@@ -376,7 +384,7 @@ fn entries_of_a_list_that_are_not_used_are_told() {
     assert_says(&remark(&load(&folder)), &["not used: depth_file_path, latlong"]);
     let rational = json!({ "camera_model": "full_opencv", "k1": 0.1, "k4": 0.1, "k5": 0.01, "k6": 0.01 });
     let data = load(&data_set("transforms.json", &["a.png"], &["a.png"], rational));
-    assert_says(&remark(&data), &["distortion out of 1 pictures"]);
+    assert_says(&remark(&data), &["distortion of 1 pictures"]);
     let odd = data_set("transforms.json", &["a.png"], &["a.png"], json!({ "k5": 0.1 }));
     assert_says(&try_load(&odd, &options()).unwrap_err().to_string(), &["k5", "FULL_OPENCV"]);
 }
@@ -434,7 +442,7 @@ fn every_reader_tells_what_it_does_not_use() {
         fs::write(folder.path().join("images/d.heic"), "").unwrap();
         let data = load(&folder);
         let [of_images, others @ ..] = &data.report.left_out[..] else { panic!("{:?}", data.report) };
-        assert_says(of_images, &["2 pictures", "images\" that no camera names"]);
+        assert_says(of_images, &["2 pictures", "images\" without a camera"]);
         let copies = "\"images_2\" (1 files, copies for pictures 2 times smaller)";
         assert_eq!(others, ["\"clip.mp4\"", "\"cloud.ply\"", "\"depth\" (1 files)", copies], "{cameras}");
         assert_says(&data.report.source, &[cameras]);

@@ -173,7 +173,7 @@ fn text_and_binary_of_a_reconstruction_are_the_same() {
     assert_eq!((&text.train, &text.test, &text.points), (&binary.train, &binary.test, &binary.points));
     assert_says(&text.report.source, &["text", "10 cameras", "THIN_PRISM_FISHEYE"]);
     assert_says(&binary.report.source, &["binary"]);
-    assert_says(&text.notes.join("\n"), &["distortion out of 9 pictures"]);
+    assert_says(&text.notes.join("\n"), &["distortion of 9 pictures"]);
 }
 
 #[test]
@@ -236,7 +236,7 @@ fn smaller_copies_are_taken_where_there_are_any() {
         assert_eq!([view.image.width, view.image.height, view.camera.width], [WIDTH / 2, HEIGHT / 2, WIDTH / 2]);
         assert_eq!((view.camera.focal_px, view.camera.principal_px), ([10.0, 10.5], [6.25, 3.75]));
     }
-    assert_says(&data.notes.join("\n"), &["1 images are those of", "images_2", "2 are not there"]);
+    assert_says(&data.notes.join("\n"), &["1 images are those of", "images_2", "2 are missing there"]);
 }
 
 #[test]
@@ -277,7 +277,7 @@ fn masks_leave_pixels_out() {
         let unknown = row.chunks(4).map(|pixel| pixel == UNKNOWN).collect::<Vec<_>>();
         assert_eq!(unknown, [[true; 12], [false; 12]].concat(), "{}", view.name);
     }
-    assert_says(&data.notes.join("\n"), &["2 pictures have pixels that do not count, 33.3 %"]);
+    assert_says(&data.notes.join("\n"), &["2 pictures have masked pixels, 33.3 %"]);
     let small = load_with(&folder, LoadOptions { downscale: 2, ..LoadOptions::default() });
     assert_eq!(small.test[0].image.rgba[4 * 5..4 * 6], UNKNOWN);
     assert_ne!(small.test[0].image.rgba[4 * 6..4 * 7], UNKNOWN);
@@ -355,7 +355,10 @@ fn pictures_are_turned_where_they_fit_their_camera_only_so() {
 fn a_picture_of_another_shape_is_refused() {
     let folder = Scene::pinhole().folder();
     RgbImage::new(HEIGHT, WIDTH).save(folder.path().join("images/c.png")).unwrap();
-    assert_says(&load(folder.path()).unwrap_err().to_string(), &["c.png", "16 by 24", "24 by 16", "another shape"]);
+    assert_says(
+        &load(folder.path()).unwrap_err().to_string(),
+        &["c.png", "16 by 24", "24 by 16", "aspect ratios differ"],
+    );
 }
 
 #[test]
@@ -384,7 +387,7 @@ fn faults_of_a_reconstruction_are_refused_by_file_and_place() {
     assert_says(&refusal("images", " 1 a.png", " 1"), &["line 4", "images.txt", "no name"]);
     assert_says(&refusal("points3D", "255", "256"), &["line 2", "points3D.txt", "\"256\"", "red"]);
     let again = "1 PINHOLE 24 16 21 21 12 8\n1 PINHOLE";
-    assert_says(&refusal("cameras", "1 PINHOLE", again), &["cameras.txt", "identifiers", "leave each in once"]);
+    assert_says(&refusal("cameras", "1 PINHOLE", again), &["cameras.txt", "identifiers", "remove duplicates"]);
     for (missing, told) in [("cameras", "no cameras"), ("images", "no images")] {
         let folder = Scene::pinhole().folder();
         fs::remove_file(folder.path().join(format!("sparse/0/{missing}.txt"))).unwrap();
@@ -558,7 +561,7 @@ fn lenses_of_nerfstudio_are_undistorted_or_refused() {
     assert_eq!(straight.train[0].image.rgba[4..8], [8, 0, 4, 255]);
     for folder in [distorted, fisheye] {
         let data = load(folder.path()).unwrap();
-        assert_says(&data.notes.join("\n"), &["distortion out of 3 pictures"]);
+        assert_says(&data.notes.join("\n"), &["distortion of 3 pictures"]);
         assert_ne!(data.train[0].image.rgba, straight.train[0].image.rgba);
     }
     let refusal = |rest: Value| load(nerfstudio(rest).path()).unwrap_err().to_string();

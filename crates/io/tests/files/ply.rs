@@ -292,7 +292,7 @@ fn rows_without_rotation_and_numbers_after_activation_are_noted() {
         gaussian_ply::read(&path).unwrap().notes.concat()
     };
     assert_eq!(notes(&|_| {}), "");
-    assert_says(&notes(&|gaussians| gaussians.set(7, QUAT, [0.0; 4])), &["1 Gaussians whose rotation is 0 0 0 0"]);
+    assert_says(&notes(&|gaussians| gaussians.set(7, QUAT, [0.0; 4])), &["1 Gaussians with the rotation 0 0 0 0"]);
     let activated = notes(&|gaussians| {
         for index in 0..20 {
             gaussians.set(index, LOG_SCALE, [0.01, 0.2, 0.3]);
@@ -373,7 +373,7 @@ fn files_of_known_kinds_are_named() {
         ("a.stl", b"solid", ["mesh", "training"]),
         ("a", b"v 1 2 3\n", ["PLY", "ply"]),
         ("chkpnt30000.pth", b"PK\x03\x04", ["checkpoint", "point_cloud.ply"]),
-        ("a.bin", b"\x89PNG\r\n", ["picture", "no scene"]),
+        ("a.bin", b"\x89PNG\r\n", ["picture", "not a scene"]),
         ("a.las", b"LASF", ["point cloud", "--points"]),
     ] {
         let path = folder.path().join(name);
@@ -486,7 +486,7 @@ fn a_file_that_is_longer_than_a_scene_may_be_is_refused_by_its_size() {
          property float z\nend_header\n",
     );
     fs::File::options().write(true).open(&path).unwrap().set_len(60 << 30).unwrap();
-    assert_says(&points_ply::read(&path).unwrap_err().to_string(), &["a.ply", "61440 MiB", "8192 MiB", "divide it"]);
+    assert_says(&points_ply::read(&path).unwrap_err().to_string(), &["a.ply", "61440 MiB", "8192 MiB", "split it"]);
 }
 
 #[test]
