@@ -1,6 +1,6 @@
 //! The program from pictures to relit pictures, on a data set of a few pixels.
 
-use crate::tiny::{SIZE, Tiny, specula, train, train_by_default};
+use crate::tiny::{SIZE, Tiny, specula, train, train_by_default, train_relightable};
 use assert_cmd::cargo::cargo_bin;
 use serde_json::Value;
 use specula_io::latlong::{self, LatLong};
@@ -427,6 +427,21 @@ fn objects_get_materials_unless_these_are_left_out() {
     let refused = command.assert().code(2);
     let told = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
     assert!(told.contains("omit --no-materials"), "{told}");
+}
+
+#[test]
+fn ground_of_a_scene_over_black_is_white_and_the_program_contains_lights() {
+    let tiny = Tiny::new();
+    train_relightable(&tiny, "model").args(["--quiet", "--background", "black"]).assert().success();
+    let corner = |words: &[&str], out: &str| {
+        let mut command = specula();
+        command.arg("relight").arg(tiny.path("model")).args(words).arg("-o").arg(tiny.path(out)).assert().success();
+        image::open(tiny.path(out).join("rgb/00000.png")).unwrap().into_rgb8().get_pixel(0, 0).0
+    };
+    let views = ["--env", "sunset", "--turntable", "1", "--size", "16,16"];
+    assert_eq!(corner(&views, "open"), [0; 3]);
+    let [red, green, blue] = corner(&[&views[..], &["--ground"]].concat(), "ground");
+    assert!(red.min(green).min(blue) > 100, "the ground is {red}, {green}, {blue}");
 }
 
 #[test]
