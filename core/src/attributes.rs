@@ -322,7 +322,7 @@ impl GaussianShading {
     fn physical_planes(&self) -> Option<usize> {
         if self.rules.shading.form == ShadingForm::Physical { self.layout.physical_planes() } else { None }
     }
-    /// Attributes before activation. A physical material has albedo and metalness in place of
+    /// Attributes before activation. A physical material has albedo and metalness instead of
     /// diffuse colour and tint. Normal residuals are zero if the rules omit them.
     #[inline(always)]
     pub fn material<R: Real>(&self, planes: &impl AttributePlanes<R>) -> Material<R> {

@@ -363,7 +363,7 @@ pub fn direct_light<R: Real>(pixel: &LitPixel<R>, toward: &Toward<R>, share: R) 
 }
 
 /// Checks the irradiance / π of a surface's vertices by light that other parts of it reflect;
-/// empty where none is reflected.
+/// empty if none is reflected.
 ///
 /// # Errors
 ///

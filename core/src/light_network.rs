@@ -1,5 +1,5 @@
 //! Light as a network over directions: the directional encoding of Ref-NeRF (Verbin et al. 2022)
-//! and three dense layers, in place of a cube map and its prefilter.
+//! and three dense layers, instead of a cube map and its prefilter.
 //!
 //! The radiance of a direction at a roughness is the exponential of the network's output for the
 //! *integrated directional encoding*: real harmonics of the degrees 1, 2, 4 and 8, each attenuated

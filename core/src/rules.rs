@@ -201,7 +201,7 @@ pub mod channel {
     pub const SPECULAR: usize = 15;
     /// Residual colour, linear.
     pub const RESIDUAL: usize = 18;
-    /// Metalness, in place of the residual colour where materials are physical.
+    /// Metalness, instead of the residual colour where materials are physical.
     pub const METALNESS: usize = RESIDUAL;
     /// Mean of the ambient transfer, likewise.
     pub const AMBIENT: usize = RESIDUAL + 1;

@@ -153,7 +153,7 @@ pub(crate) fn apply<E: Executor>(
     if let (Some((environment, moments)), Some(grad)) = (light, grad.light) {
         exec.optimise_environment(environment, moments, grad, environment_rate, radiance_max, number)?;
     }
-    // Nothing is binned here, so that no step has to be repeated.
+    // Nothing is binned here, so no step has to be repeated.
     Ok(exec.report()?.map_or(0, |report| report.nonfinite))
 }
 

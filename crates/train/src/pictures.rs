@@ -32,7 +32,7 @@ pub trait Pictures: Debug + Send {
     /// Camera of each picture at full size.
     fn cameras(&self) -> Vec<Camera>;
 
-    /// Takes note of the next turns, in order, in place of those that were expected before.
+    /// Takes note of the next turns, in order, instead of those that were expected before.
     fn expect(&mut self, _turns: &[Turn]) {}
 
     /// Gives `look` a picture.

@@ -536,7 +536,7 @@ impl Profile {
     }
 
     /// Profile that also learns the exposures of photographs. Learning rates of the scene then fall
-    /// from the start on in place of cooling, as they did when this was measured
+    /// from the start on instead of cooling, as they did when this was measured
     /// (docs/lab/features.md). Choose materials before.
     pub fn exposing(mut self, iterations: u32) -> Self {
         self.exposure = Some(exposure_rate(iterations));

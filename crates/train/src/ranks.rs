@@ -419,9 +419,9 @@ fn check_length(rank: usize, expected: usize, message: &[u8]) -> Result<(), Exch
 /// Gradient of a view in host memory.
 struct HostGradient {
     gaussians: Gaussians<Vec<f32>>,
-    /// Sums of lengths and numbers of views; empty where the step is not observed.
+    /// Sums of lengths and numbers of views; empty if the step is not observed.
     statistics: [Vec<f32>; 2],
-    /// Gradient of the light; empty where there is none.
+    /// Gradient of the light; empty if there is none.
     light: Vec<f32>,
 }
 

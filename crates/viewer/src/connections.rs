@@ -71,7 +71,7 @@ impl Connections {
     }
 
     /// Acquires a slot for a connection of a peer. Without a free slot, an idle connection is
-    /// closed; while none is idle, this waits. None where the peer has reached its limit and
+    /// closed; while none is idle, this waits. None if the peer has reached its limit and
     /// requests are processed on all of its connections.
     pub(crate) async fn acquire(self: &Arc<Self>, peer: IpAddr) -> Option<Slot> {
         let peer = peer.to_canonical();
@@ -179,7 +179,7 @@ fn limit_for(free_descriptors: Option<usize>) -> usize {
     free_descriptors.map_or(most, |free| (free / DESCRIPTORS_PER_CONNECTION).clamp(least, most))
 }
 
-/// File descriptors that the process may still open; none where the system sets no limit.
+/// File descriptors that the process may still open; none if the system sets no limit.
 #[cfg(unix)]
 fn free_descriptors() -> Option<usize> {
     use rustix::process::{Resource, getrlimit};

@@ -108,7 +108,7 @@ impl LiveTraining {
         Self { iterations, state: Mutex::new(state), changed: Condvar::new() }
     }
 
-    /// Action before the next step; none where the training takes it at once. A call without a
+    /// Action before the next step; none if the training takes it at once. A call without a
     /// request uses up one of the single steps of a paused training.
     pub fn request(&self) -> Option<Request> {
         let mut state = self.lock();

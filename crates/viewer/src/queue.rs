@@ -40,7 +40,7 @@ impl<T> Queue<T> {
         Self { state: Mutex::new(state), changed: Condvar::new() }
     }
 
-    /// Appends a job of a client, in place of a waiting one of the same client, which is outdated.
+    /// Appends a job of a client, instead of a waiting one of the same client, which is outdated.
     /// Client 0 is anonymous and may have several jobs waiting.
     pub(crate) fn push(&self, client: u64, job: T) -> Result<(), QueueError> {
         let mut state = self.lock();

@@ -20,7 +20,7 @@ pub(crate) struct Job {
 
 /// Renders the jobs of a queue on a new thread, until the queue is closed.
 pub(crate) fn spawn(mut worker: RenderWorker, queue: Arc<Queue<Job>>, live: Option<Arc<LiveTraining>>) {
-    /// Closes the queue when the thread ends, even by a panic, so that no client waits for it.
+    /// Closes the queue when the thread ends, even by a panic, so no client waits for it.
     struct CloseOnDrop(Arc<Queue<Job>>);
     impl Drop for CloseOnDrop {
         fn drop(&mut self) {

@@ -70,7 +70,7 @@ struct FilteredLight {
 /// Surface that casts the shadows of lamps.
 #[derive(Debug)]
 enum ShadowSurface {
-    /// Surface of the scene; none where there is none.
+    /// Surface of the scene; none if there is none.
     Known(Option<Arc<Surface>>),
     /// Gaussians of which it is still to be fused.
     Unfused(Gaussians<Vec<f32>>),
@@ -296,7 +296,7 @@ impl RenderWorker {
         Ok((slot, rules))
     }
 
-    /// Lamps of a request, with the surface that casts their shadows; none where no lamps shine.
+    /// Lamps of a request, with the surface that casts their shadows; none if no lamps shine.
     fn lamps(&mut self, request: &FrameRequest) -> Result<Option<SceneLamps>, ViewerError> {
         let LampSetting { rays, .. } = request.lamps;
         if request.lamps.is_dark() {
@@ -401,7 +401,7 @@ fn fitted(camera: Camera, [width, height]: [u32; 2]) -> Camera {
     camera.resized(width, height)
 }
 
-/// Point of the scene at a position of a picture of depths; none where the coverage is below 0.5.
+/// Point of the scene at a position of a picture of depths; none if the coverage is below 0.5.
 fn point_at(image: &Image<Vec<f32>>, camera: &Camera, at: [f32; 2]) -> Option<[f32; 3]> {
     const COVERAGE_MIN: f32 = 0.5;
     let size = [camera.width, camera.height].map(|edge| edge as f32);

@@ -137,7 +137,7 @@ impl Context {
         self.gpu.wait()
     }
 
-    /// Durations of kernels since the last call, by name; empty where kernels are not timed.
+    /// Durations of kernels since the last call, by name; empty if kernels are not timed.
     ///
     /// # Errors
     ///

@@ -10,7 +10,7 @@
 //! Λ(v) + Λ(l)) (Heitz 2014, eqs. 72 and 99), F that of Schlick 1994, F₀ + (1 − F₀) (1 − v·h)⁵.
 //! Light that is reflected more than once between facets is lost, as in any such model. The paper's
 //! L_s keeps of all this one lobe around the mirrored direction, that of D seen from the normal,
-//! and scales it by a tint in place of F and G.
+//! and scales it by a tint instead of F and G.
 
 use super::sphere::{Direction, Weights, add, cross, dot, integrate, length, normalised, sub};
 use core::f64::consts::PI;

@@ -145,7 +145,7 @@ pub(super) struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// Numbers of the next stream; none where it is cut short or has no bits.
+    /// Numbers of the next stream; none if it is cut short or has no bits.
     pub(super) fn numbers(&mut self, stream: &Stream, count: usize) -> Option<Vec<f32>> {
         if !(1..=32).contains(&stream.bits()) {
             return None;
