@@ -37,7 +37,7 @@ pub(crate) fn spawn(mut worker: RenderWorker, queue: Arc<Queue<Job>>, live: Opti
             }
             let latest = live.as_ref().and_then(|live| live.take());
             let updated = latest.map_or(Ok(()), |scene| worker.set_scene(scene));
-            // The receiver is gone where the client closed its connection meanwhile.
+            // The receiver is gone if the client has closed its connection.
             let start = Instant::now();
             let frame = updated.and_then(|()| worker.render(&request));
             let _ = reply.send(frame.map(|frame| (frame, start.elapsed())));
