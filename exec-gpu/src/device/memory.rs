@@ -249,7 +249,7 @@ mod tests {
             eprintln!("NOT TESTED, because {error}");
             return;
         }
-        let name = "device::memory::tests::an_array_that_does_not_fit_is_refused_and_others_still_fit";
+        let name = "device::memory::tests::an_array_that_does_not_fit_is_an_error_and_others_still_fit";
         let script = format!("ulimit -v {LITTLE} && exec \"$0\" --ignored --exact {name}");
         let tests = std::env::current_exe().expect("this is a program");
         let output =
