@@ -1,10 +1,10 @@
 //! Anti-aliasing of splats (Mip-Splatting, Yu et al. 2024): a low-pass on the screen that keeps
 //! brightness, and a low-pass in space at the sampling rate of the training views.
 //!
-//! * On the screen (section 5.2, the 2D Mip filter) the covariance Σ₂ of a splat is widened to
-//!   Σ₂ + b I, and its opacity is multiplied by √(det Σ₂ / det(Σ₂ + b I)), so that opacity times
-//!   area stays: a splat much smaller than a pixel becomes faint rather than large
-//!   ([`LowPass`], in [`mod@crate::project`]).
+//! * On the screen (section 5.2, the 2D Mip filter) the covariance Σ₂ of a splat is widened to Σ₂ +
+//!   b I, and its opacity is multiplied by √(det Σ₂ / det(Σ₂ + b I)), so opacity times area is
+//!   preserved: a splat much smaller than a pixel becomes faint rather than large ([`LowPass`], in
+//!   [`mod@crate::project`]).
 //! * In space (section 5.1, the 3D smoothing filter) the covariance Σ of a Gaussian is widened to
 //!   Σ + s² I, and its opacity is multiplied by √(det Σ / det(Σ + s² I)) ([`smoothed`]). The
 //!   deviation s is √0.2 times the smallest distance of two samples, depth / focal length, over the
@@ -12,8 +12,8 @@
 //!
 //! The deviations are the last plane of a cloud ([`crate::scene::Layout::filter_plane`]) and have
 //! no gradient. As a plane they follow their Gaussian through densification, Morton order,
-//! checkpoints, uploads and files without code of their own. A cloud without the plane is neither
-//! longer nor slower.
+//! checkpoints, uploads and files without special code. Gaussians without the plane take no
+//! additional memory or time.
 
 use crate::{
     camera::CameraOf,
@@ -34,8 +34,7 @@ pub enum LowPass {
     Mip,
 }
 
-/// Variance, in px², that splats are widened by, so that none is smaller than a pixel (INRIA's
-/// low-pass).
+/// Variance, in px², added to splats, so none is smaller than a pixel (INRIA's low-pass).
 pub const BLUR: f32 = 0.3;
 /// Variance of Mip-Splatting's low-pass, in px²: about that of a pixel's box, 1/12.
 pub const MIP_BLUR: f32 = 0.1;
@@ -56,17 +55,17 @@ impl LowPass {
     }
 }
 
-/// Least det Σ₂ / det(Σ₂ + b I) in the compensation. Its root, 1/1000, makes any splat too faint
+/// Smallest det Σ₂ / det(Σ₂ + b I) in the compensation. Its root, 1/1000, makes any splat too faint
 /// for an 8-bit picture, and the slope of the root is finite above it.
 pub const COMPENSATION_MIN: f32 = 1e-6;
 
-/// Deviations of the filter in space are kept below this, e^40, the limit of scales.
+/// Upper bound of the 3D filter's deviations, e^40, the limit of scales.
 const DEVIATION_MAX: f32 = 2.353_852_7e17;
 
 /// Deviation of the filter in space, as a share of the distance between two samples: √0.2.
 pub const DEVIATION_SHARE: f32 = 0.447_213_6;
 
-/// Deviation s of the filter, without its sign and within its limits.
+/// Absolute deviation s of the filter, within its limits.
 #[inline(always)]
 fn deviation<R: Real>(filter: R) -> R {
     filter.abs().min(filter.constant(DEVIATION_MAX))
@@ -135,8 +134,8 @@ impl<R: Real> SamplingInterval<R> {
     pub fn min(self, other: Self) -> Self {
         Self { seen: other.seen.min(self.seen), turned: other.turned.min(self.turned) }
     }
-    /// Deviation of the filter in space, [`DEVIATION_SHARE`] of the interval; a point that no view
-    /// sees uses the smallest interval of a view turned to it.
+    /// Deviation of the filter in space, [`DEVIATION_SHARE`] of the interval; an unseen point uses
+    /// the smallest interval of a view turned to it.
     #[inline(always)]
     pub fn filter(self) -> R {
         let is_seen = self.seen.less(self.seen.constant(f32::MAX));

@@ -84,12 +84,12 @@ pub trait AttributeGrads<R: Real> {
     }
 }
 
-/// One Gaussian of a cloud in host memory.
+/// One Gaussian in host memory.
 #[derive(Clone, Copy, Debug)]
 pub struct StoredGaussian<'a, A> {
-    /// The cloud.
+    /// The Gaussians.
     pub gaussians: &'a Gaussians<A>,
-    /// Index in the cloud.
+    /// Index of the Gaussian.
     pub index: usize,
 }
 
@@ -155,7 +155,7 @@ impl<R: Real> Harmonics<R> {
     }
 }
 
-/// Light that was looked up for a Gaussian.
+/// Light looked up for a Gaussian.
 #[derive(Clone, Copy, Debug)]
 pub struct LightSample<R> {
     /// Prefiltered radiance along the reflected direction.
@@ -256,7 +256,7 @@ pub struct GaussianShading {
     pub rules: RenderRules,
 }
 
-/// A Gaussian before light reaches it.
+/// Gaussian before lighting.
 #[derive(Clone, Copy, Debug)]
 pub struct ShadedGaussian<R: Real> {
     /// Attributes before activation.
@@ -265,8 +265,8 @@ pub struct ShadedGaussian<R: Real> {
     pub surface: Surface<R>,
     /// Residual colour.
     pub harmonics: Harmonics<R>,
-    /// Ambient transfer of a physical material, whose albedo and metalness take the places of
-    /// diffuse colour and tint.
+    /// Ambient transfer of a physical material; its albedo and metalness replace diffuse colour and
+    /// tint.
     pub ambient: Option<Vec3<R>>,
 }
 
@@ -290,7 +290,7 @@ impl<R: Real> ShadedGaussian<R> {
             split_sum: light.split_sum,
         }
     }
-    /// Finiteness of every attribute that was read, beside those of the [`Shape`].
+    /// Finiteness of every attribute that was read, except those of the [`Shape`].
     #[inline(always)]
     pub fn is_finite(&self) -> R::Mask {
         let is_finite = self.material.is_finite() & self.harmonics.sum.is_finite();
@@ -302,7 +302,7 @@ impl<R: Real> ShadedGaussian<R> {
 }
 
 impl GaussianShading {
-    /// Channels that a Gaussian has.
+    /// Channels of a Gaussian.
     #[inline(always)]
     pub fn channels(&self) -> Channels {
         self.rules.blended(self.layout)
@@ -322,7 +322,7 @@ impl GaussianShading {
     fn physical_planes(&self) -> Option<usize> {
         if self.rules.shading.form == ShadingForm::Physical { self.layout.physical_planes() } else { None }
     }
-    /// Attributes before activation. A physical material has albedo and metalness in place of
+    /// Attributes before activation. A physical material has albedo and metalness instead of
     /// diffuse colour and tint. Normal residuals are zero if the rules omit them.
     #[inline(always)]
     pub fn material<R: Real>(&self, planes: &impl AttributePlanes<R>) -> Material<R> {
@@ -358,8 +358,8 @@ impl GaussianShading {
         ShadedGaussian { material, surface, harmonics: self.harmonics(planes, eye), ambient }
     }
 
-    /// Channels of a Gaussian that reads no surface, and whether the attributes that it reads are
-    /// finite: only harmonics, or diffuse and residual colour.
+    /// Channels of a Gaussian without a surface, only harmonics, or diffuse and residual colour,
+    /// and whether its attributes are finite.
     #[inline(always)]
     pub fn color_channels<R: Real>(
         &self,

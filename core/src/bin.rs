@@ -9,7 +9,7 @@ use crate::{
 /// Pixels along an edge of a tile.
 pub const TILE_SIZE: u32 = 16;
 
-/// The footprint of a splat; `reach` is −1 for one that is too faint, too near, or not a number.
+/// Footprint of a splat; `reach` is −1 if it is too faint, too near, or not a number.
 #[inline(always)]
 pub fn footprint<R: Real>(splat: &Splat<R>) -> Footprint<R> {
     footprint_within(splat, &Cutoffs::DEFAULT)
@@ -51,7 +51,7 @@ pub fn touches_picture<R: Real>(center: [R; 2], half_extent: [R; 2], size: [R; 2
     touches(0) & touches(1)
 }
 
-/// The outline of a footprint that is drawn.
+/// Outline of a drawn footprint.
 #[inline(always)]
 pub fn outline<R: Real>(footprint: &Footprint<R>) -> Outline<R> {
     let [xx, yx, yy] = footprint.root_conic;
@@ -78,7 +78,7 @@ impl<R: Real> Outline<R> {
 }
 
 /// Leftmost and rightmost x, in pixels, of an outline within the band of y from `top` to `bottom`;
-/// the second is smaller than the first where the outline misses the band. An outline that is no
+/// the second is smaller than the first if the outline misses the band. An outline that is not an
 /// ellipse covers every x.
 #[inline(always)]
 pub fn span_in_rows<R: Real>(outline: &Outline<R>, top: R, bottom: R) -> [R; 2] {

@@ -1,13 +1,13 @@
 //! One compositing step: a splat over a pixel (paper, eq. C).
 //!
 //! C = Σ cᵢ αᵢ Tᵢ with Tᵢ = Π_{j<i} (1 − αⱼ), front to back. A pixel ends before the splat that
-//! would bring its transmittance below [`crate::cutoffs::TRANSMITTANCE_MIN`]: the splats behind
-//! have no weight, and the transmittance before is kept for the background.
+//! would reduce its transmittance below [`crate::cutoffs::TRANSMITTANCE_MIN`]: the splats behind
+//! have no weight, and the previous transmittance is used for the background.
 //!
 //! All channels are composited in one pass: colour, normal, depth and |Δn|² (8 channels; 12 with
-//! tint and roughness, for light per pixel), or all layers of a picture (24). Pictures that only
-//! show colours blend the inputs of the light lookup (10 channels, without depth and |Δn|²), or
-//! only colours (3). The backward pass replays splats front to back with the product of the pixel's
+//! tint and roughness, for light per pixel), or all layers of a picture (24). Pictures of only
+//! colours blend the inputs of the light lookup (10 channels, without depth and |Δn|²), or only
+//! colours (3). The backward pass replays splats front to back with the product of the pixel's
 //! gradient and all splats behind, so a channel costs two multiply-adds.
 
 use crate::{
@@ -27,7 +27,7 @@ const LOG2_MAX_ALPHA: f32 = -0.014_499_57;
 pub struct Falloff<R> {
     /// Scaled W δ.
     pub offset: [R; 2],
-    /// log₂ of the strength, opacity · exp(−½ |W δ|²), before it is limited.
+    /// log₂ of the strength, opacity · exp(−½ |W δ|²), before it is clamped.
     pub log2_strength: R,
 }
 
@@ -83,7 +83,7 @@ pub fn may_overlap<R: Real>(splat: &Splat2d<R>, dx: [R; 2], dy: [R; 2]) -> R::Ma
 pub struct Column<R> {
     /// log₂ of the largest strength in the column, bounded by u.
     most: R,
-    /// Bounds of the share of w that comes from δx.
+    /// Bounds of the contribution of δx to w.
     slant: [R; 2],
 }
 
@@ -96,7 +96,7 @@ pub fn column_of<R: Real>(splat: &Splat2d<R>, dx: [R; 2]) -> Column<R> {
     Column { most: (-u).mul_add(u, splat.log2_opacity), slant: [slant[0].min(slant[1]), slant[0].max(slant[1])] }
 }
 
-/// Least scaled |W δ|² in a box of offsets, or less.
+/// Lower bound of the scaled |W δ|² in a box of offsets.
 #[inline(always)]
 pub(crate) fn least_squared<R: Real>(splat: &Splat2d<R>, dx: [R; 2], dy: [R; 2]) -> R {
     let [xx, yx, yy] = splat.root;
@@ -122,8 +122,8 @@ pub fn alpha<R: Real>(log2_strength: R) -> R {
 /// State of a pixel between two splats, front to back.
 #[derive(Clone, Copy, Debug)]
 pub struct PixelState<R> {
-    /// Transmittance in front of the next splat. It only falls: once it is below
-    /// [`crate::cutoffs::TRANSMITTANCE_MIN`], the pixel has ended.
+    /// Transmittance in front of the next splat. It decreases monotonically: below
+    /// [`crate::cutoffs::TRANSMITTANCE_MIN`] the pixel has ended.
     pub transmittance: R,
     /// Transmittance of the picture: that of an active pixel, and the last one of a pixel that has
     /// ended.
@@ -168,8 +168,8 @@ impl Cutoffs {
         let w = distance_to_zero(yy.mul_add(dy[0], column.slant[0]), yy.mul_add(dy[1], column.slant[1]));
         self.may_pass_alpha_test((-w).mul_add(w, column.most))
     }
-    /// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero where it fails the
-    /// alpha test, which reads the logarithm and so need not wait for its power.
+    /// Alpha of a splat in a pixel: its strength, at most [`MAX_ALPHA`]; zero if it fails the alpha
+    /// test, which uses the logarithm and so does not wait for its power.
     #[inline(always)]
     pub fn alpha<R: Real>(&self, log2_strength: R) -> R {
         let strength = log2_strength.exp2_of_small();
@@ -221,7 +221,7 @@ pub struct StepGrad<R> {
 ///
 /// `color_dot_grad` is the splat's channels times the pixel's gradients. Of ∂C/∂αᵢ = Tᵢ cᵢ −
 /// Σ_{k>i} wₖ cₖ / (1 − αᵢ) only the product with the gradient is needed, so channels cost nothing
-/// here. Where alpha was limited the strength has no influence, and the gradient is zero.
+/// here. If alpha is clamped, the strength has no effect and the gradient is zero.
 #[inline(always)]
 pub fn step_vjp<R: Real>(log2_strength: R, front: Replay<R>, color_dot_grad: R) -> StepGrad<R> {
     let alpha = alpha(log2_strength);
@@ -267,7 +267,7 @@ impl<R: Real> OffsetMoments<R> {
 }
 
 /// The gradient of a splat from its moments; offsets follow from δx = u / W_xx and δy = (w − W_yx
-/// δx) / W_yy. The depth gets none: compositing does not read it.
+/// δx) / W_yy. The depth has no gradient: compositing does not read it.
 #[inline(always)]
 pub fn moments_vjp<R: Real>(splat: &Splat2d<R>, opacity: R, moments: &OffsetMoments<R>) -> SplatGrad<R> {
     let [xx, yx, yy] = splat.root;

@@ -85,9 +85,9 @@ impl Camera {
         self.resized(reduced(self.width), reduced(self.height))
     }
 
-    /// The view in a frame of another shape, without distortion: all of the picture at the largest
-    /// scale that fits, and more of the scene beside it where the frame is wider or taller. Where
-    /// the shapes agree up to the rounding of a pixel, [`Camera::resized`].
+    /// The view in a frame of another aspect ratio, without distortion: the whole picture at the
+    /// largest scale that fits, and more of the scene if the frame is wider or taller. If aspect
+    /// ratios agree up to the rounding of a pixel, [`Camera::resized`].
     pub fn framed(&self, width: u32, height: u32) -> Self {
         let (old, new) = ([self.width, self.height].map(|n| n as f32), [width, height].map(|n| n as f32));
         let scale = [new[0] / old[0], new[1] / old[1]];
@@ -122,7 +122,7 @@ impl Camera {
     }
 
     /// The same view as a picture turned by the multiple of 90° after which the direction `up` in
-    /// the world points most nearly up; the view itself where `up` is along the line of sight.
+    /// the world points most nearly up; unchanged if `up` is along the line of sight.
     #[must_use]
     pub fn upright(&self, up: GlamVec3) -> Self {
         let up = self.camera_from_world * up;
@@ -149,7 +149,7 @@ impl Camera {
         )
     }
 
-    /// The same camera in the numbers that formulas compute with.
+    /// The same camera in the number type of formulas.
     #[inline(always)]
     pub fn lift<R: Real>(&self, like: R) -> CameraOf<R> {
         let [limit_x, limit_y] = self.slope_limit();
@@ -163,8 +163,8 @@ impl Camera {
         }
     }
 
-    /// 1.3 times the largest |x/z| and |y/z| seen: beyond it the local affine projection is taken
-    /// at the limit.
+    /// 1.3 times the largest |x/z| and |y/z| seen: beyond it the local affine projection is
+    /// evaluated at the limit.
     fn slope_limit(&self) -> [f32; 2] {
         let extent = [self.width as f32, self.height as f32];
         core::array::from_fn(|axis| {
@@ -178,7 +178,7 @@ impl Camera {
 /// (INRIA's value).
 pub const SLOPE_MARGIN: f32 = 1.3;
 
-/// A [`Camera`] in the numbers that formulas compute with.
+/// A [`Camera`] in the number type of formulas.
 #[derive(Clone, Copy, Debug)]
 pub struct CameraOf<R> {
     /// Rotation from world to camera axes.
@@ -191,7 +191,7 @@ pub struct CameraOf<R> {
     pub principal_px: [R; 2],
     /// Largest |x/z| and |y/z| at which the Jacobian is evaluated.
     pub slope_limit: [R; 2],
-    /// Gaussians are drawn beyond this depth.
+    /// Near plane: only deeper Gaussians are drawn.
     pub near: R,
 }
 

@@ -1,12 +1,12 @@
 //! The curve γ between linear radiance and the numbers in a picture: sRGB (IEC 61966-2-1).
 //!
-//! A pixel outside of a mask or a lens is the colour [`UNKNOWN`] at alpha zero, without a fifth
-//! channel or a second array. Losses treat both pictures as black there, so SSIM windows agree, and
-//! give such pixels no gradient; measures skip them.
+//! A pixel outside of a mask or a lens has the colour [`UNKNOWN`] at alpha zero, so no fifth
+//! channel or second array is needed. Losses treat both pictures as black there, so SSIM windows
+//! agree, and give such pixels no gradient; measures skip them.
 
 use crate::{each, real::Real, vector::Vec3};
 
-/// Linear values up to this one are encoded by a straight line.
+/// Largest linear value that is encoded by a straight line.
 pub const LINEAR_LIMIT: f32 = 0.003_130_8;
 const LINEAR_SLOPE: f32 = 12.92;
 const POWER: f32 = 1.0 / 2.4;
@@ -45,8 +45,8 @@ pub(crate) fn srgb_color_vjp<R: Real>(linear: Vec3<R>, srgb: Vec3<R>, grad: Vec3
     }
 }
 
-/// Largest magnitude of residual colours: brighter than any light, while gradients of losses, which
-/// grow with the square of a picture, stay far from the end of an `f32`.
+/// Largest magnitude of residual colours: brighter than any light, but small enough that gradients
+/// of losses, which grow with the square of a picture, do not overflow an `f32`.
 pub const COLOR_MAX: f32 = 1e6;
 
 /// A colour within ± [`COLOR_MAX`].
@@ -82,8 +82,8 @@ pub fn from_byte<R: Real>(byte: R) -> R {
     byte * (1.0 / 255.0)
 }
 
-/// Unknown pixel of a true picture, which no loss and no measure counts. At an alpha of zero no
-/// colour is seen, so this one is reserved; other transparent pixels get another.
+/// Unknown pixel of a true picture, which losses and measures skip. Colours at an alpha of zero are
+/// invisible, so this one is reserved; other transparent pixels get another.
 pub const UNKNOWN: [u8; 4] = [254, 1, 254, 0];
 
 /// Whether a pixel of red, green, blue and alpha bytes is [`UNKNOWN`].

@@ -10,10 +10,10 @@ use crate::{
 /// A quat (w, x, y, z).
 pub type Quat<R> = [R; 4];
 
-/// Quats whose components are all smaller than this count as the identity.
+/// Quats with all components smaller than this count as the identity.
 pub const QUAT_MIN: f32 = 1e-12;
-/// Logarithms of scales are kept in [−LOG_SCALE_LIMIT, LOG_SCALE_LIMIT]: e^40 squared is still an
-/// `f32`.
+/// Logarithms of scales are clamped to [−LOG_SCALE_LIMIT, LOG_SCALE_LIMIT]: e^40 squared is still
+/// an `f32`.
 pub const LOG_SCALE_LIMIT: f32 = 40.0;
 
 /// Rotation of a quat, after normalisation. A quat of length zero is the identity.
@@ -43,13 +43,13 @@ pub fn rotation_vjp<R: Real>(quat: Quat<R>, grad: &Mat3<R>) -> Quat<R> {
     ]
 }
 
-/// The scales: e^x of their logarithms, which are kept within ± [`LOG_SCALE_LIMIT`].
+/// The scales: e^x of their logarithms, clamped to ± [`LOG_SCALE_LIMIT`].
 #[inline(always)]
 pub fn scales<R: Real>(log_scales: Vec3<R>) -> Vec3<R> {
     each!(log_scales, x => x.clamp(-LOG_SCALE_LIMIT, LOG_SCALE_LIMIT).exp())
 }
 
-/// Gradient of [`scales`] with respect to the logarithms; zero where they were limited.
+/// Gradient of [`scales`] with respect to the logarithms; zero where they were clamped.
 #[inline(always)]
 pub fn scales_vjp<R: Real>(log_scales: Vec3<R>, scales: Vec3<R>, grad: Vec3<R>) -> Vec3<R> {
     let gate = |x: R, g: R| g.keep(x.abs().less(x.constant(LOG_SCALE_LIMIT)));

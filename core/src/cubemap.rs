@@ -1,14 +1,13 @@
 //! Directions on the faces of a cube: addresses, footprints, solid angles.
 //!
-//! Faces are +X −X +Y −Y +Z −Z, as in OpenGL, Vulkan and WebGPU. A map of resolution n is kept with
-//! an *apron*: each face is surrounded by the neighbouring texels of the adjacent faces, (n + 2)²
-//! texels in all. A bilinear footprint then always lies inside one padded face, and looking a
-//! direction up is continuous across every edge and corner.
+//! Faces are +X −X +Y −Y +Z −Z, as in OpenGL, Vulkan and WebGPU. A map of resolution n is stored
+//! with an *apron*: each face is surrounded by the neighbouring texels of the adjacent faces, (n +
+//! 2)² texels in all. A bilinear footprint then always lies inside one padded face, and lookups are
+//! continuous across every edge and corner.
 //!
-//! A texel beyond an edge lies up to half a texel further along it than the bilinear footprint
-//! takes it for, as in every seamless cube map. So the direction that is looked up is up to √2 / 6n
-//! away within half a texel of the edges, and by the curvature of the face, up to 1 / n²,
-//! elsewhere.
+//! A texel beyond an edge is up to half a texel further along it than the bilinear footprint
+//! assumes, as in every seamless cube map. So the effective direction of a lookup is up to √2 / 6n
+//! off within half a texel of the edges, and up to 1 / n², by the curvature of the face, elsewhere.
 
 use crate::{
     double::Double,
@@ -67,9 +66,8 @@ pub fn texel_solid_angle(column: usize, row: usize, resolution: usize) -> f64 {
     corner(x1, y1) - corner(x0, y1) - corner(x1, y0) + corner(x0, y0)
 }
 
-/// The texels of the map without apron that an apron texel shows: one across an edge; at a corner,
-/// where three faces meet, the mean of the three around it. Column and row are those of
-/// [`padded_index`].
+/// Source texels of an apron texel in the map without apron: one across an edge; at a corner, where
+/// three faces meet, the mean of the three around it. Column and row are those of [`padded_index`].
 pub fn apron_sources(face: usize, column: isize, row: isize, resolution: usize) -> Apron {
     let last = resolution as isize - 1;
     let (inner_column, inner_row) = (column.clamp(0, last), row.clamp(0, last));
@@ -104,7 +102,7 @@ pub fn face_of([x, y, z]: [f64; 3]) -> (usize, f64, f64) {
     (point.face.0 as usize, point.u.0, point.v.0)
 }
 
-/// A direction as a point on a face, with what its gradient needs.
+/// A direction as a point on a face, with the inputs of its gradient.
 #[derive(Clone, Copy, Debug)]
 pub struct FacePoint<R: Real> {
     /// The face, 0 to 5.
@@ -159,7 +157,7 @@ pub fn project_vjp<R: Real>(point: &FacePoint<R>, grad_u: R, grad_v: R) -> Vec3<
     )
 }
 
-/// Four neighbouring texels of a padded map and how far between them a point lies.
+/// Four neighbouring texels of a padded map, and the position of a point between them.
 #[derive(Clone, Copy, Debug)]
 pub struct TexelFootprint<R> {
     /// Index of the upper left texel; the others are at + 1, + (n + 2) and + (n + 3).

@@ -1,4 +1,4 @@
-//! Reasons for which Gaussians are culled from a picture, and their counts.
+//! Reasons why Gaussians are culled from a picture, and their counts.
 //!
 //! Robust forms keep valid Gaussians finite: the determinant of a splat's covariance by Cauchy and
 //! Binet; the falloff through a triangular root of the conic, so no exponent is positive; lobe
@@ -17,7 +17,7 @@ use crate::{
     },
 };
 
-/// Reason for which a Gaussian is culled: the first of those that apply.
+/// Reason why a Gaussian is culled: the first that applies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CullReason {
     /// It is drawn.
@@ -44,7 +44,7 @@ pub enum CullReason {
     NonfiniteFilter,
     /// Its opacity is below the least alpha.
     Faint,
-    /// It lies behind the eye, or nearer than [`Camera::near`].
+    /// It is behind the eye, or nearer than [`Camera::near`].
     Near,
     /// A value of its projection, or the sum of its harmonics, is too large for an `f32`.
     TooLarge,
@@ -99,7 +99,7 @@ impl CullReason {
     }
 
     /// Reason for a Gaussian in pictures that read all its attributes. Without a camera, only its
-    /// own numbers are tested.
+    /// attributes are tested.
     pub fn of<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, gaussian: usize, camera: Option<&Camera>) -> Self {
         nonfinite(gaussians, gaussian)
             .unwrap_or_else(|| camera.map_or(Self::Drawn, |camera| in_view(gaussians, gaussian, camera)))
@@ -113,7 +113,7 @@ pub struct CullStats {
 }
 
 impl CullStats {
-    /// Reads every Gaussian once; without a camera, tests only its own numbers.
+    /// Reads every Gaussian once; without a camera, tests only its attributes.
     pub fn of<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, camera: Option<&Camera>) -> Self {
         let mut counts = [0; CullReason::ALL.len()];
         (0..gaussians.count).for_each(|gaussian| counts[CullReason::of(gaussians, gaussian, camera) as usize] += 1);

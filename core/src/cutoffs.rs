@@ -6,11 +6,11 @@
 
 use crate::real::Real;
 
-/// Least alpha that is drawn: a step of an 8-bit picture (INRIA's value).
+/// Smallest alpha that is drawn: a step of an 8-bit picture (INRIA's value).
 pub const ALPHA_MIN: f32 = 1.0 / 255.0;
 /// log₂ of [`ALPHA_MIN`].
 pub const LOG2_ALPHA_MIN: f32 = -7.994_353_4;
-/// Margin of log₂ alpha for roundings, and more.
+/// Safety margin of log₂ alpha, larger than its rounding.
 const LOG2_ALPHA_MARGIN: f32 = 0.005_646_6;
 /// Transmittance at which a pixel ends, (1 − [`MAX_ALPHA`](crate::blend::MAX_ALPHA))²: two opaque
 /// splats end a pixel.
@@ -26,7 +26,7 @@ pub enum ProjectionModel {
     Tangent,
     /// Largest response along each pixel's ray ([`crate::perspective`]).
     Ray,
-    /// [`ProjectionModel::Ray`] for splats whose affine projection is off by more than this alpha,
+    /// [`ProjectionModel::Ray`] for splats with an error of the affine projection above this alpha,
     /// to first order; affine for the others.
     Within(f32),
 }
@@ -47,9 +47,9 @@ pub enum BlendOrder {
     Pixel,
 }
 
-/// Entries of a window by default.
+/// Default number of entries of a window.
 pub const WINDOW: u32 = 16;
-/// Largest window, which a pixel of a GPU can hold.
+/// Largest window, which fits the registers of a GPU's invocation.
 pub const WINDOW_MAX: u32 = 64;
 
 impl BlendOrder {
@@ -79,8 +79,9 @@ pub struct Cutoffs {
 const THRESHOLD_MIN: f32 = 1e-12;
 
 impl Cutoffs {
-    /// INRIA's values: 1/255 of alpha, 10⁻⁴ of transmittance; tiles hold each splat as far as its
-    /// alpha is drawn, projection is affine, and splats are sorted by the depth of their means.
+    /// INRIA's values: 1/255 of alpha, 10⁻⁴ of transmittance; tiles contain each splat to the
+    /// extent of its drawn alpha, projection is affine, and splats are sorted by the depth of their
+    /// means.
     pub const DEFAULT: Self = Self {
         alpha_min: ALPHA_MIN,
         log2_alpha_min: LOG2_ALPHA_MIN,
@@ -100,7 +101,7 @@ impl Cutoffs {
         order: BlendOrder::Mean,
     };
 
-    /// Sets the least alpha that is drawn, in (0, 1); smaller values count as 10⁻¹².
+    /// Sets the smallest drawn alpha, in (0, 1); smaller values count as 10⁻¹².
     pub fn with_alpha_min(self, alpha_min: f32) -> Self {
         let alpha_min = alpha_min.max(THRESHOLD_MIN);
         let log2_alpha_min = if alpha_min == ALPHA_MIN { LOG2_ALPHA_MIN } else { Real::log2(alpha_min) };
@@ -110,9 +111,9 @@ impl Cutoffs {
     pub fn with_transmittance_min(self, transmittance_min: f32) -> Self {
         Self { transmittance_min: transmittance_min.max(THRESHOLD_MIN), ..self }
     }
-    /// Sets the largest reach of splats into tiles, in standard deviations; infinity cuts nothing
-    /// off. Within a tile, its splats are drawn as far as their alpha allows, so a cut shows at the
-    /// seams of tiles.
+    /// Sets the largest reach of splats into tiles, in standard deviations; infinity disables the
+    /// cutoff. Within a tile, splats are drawn to the extent of their alpha, so cutoffs are visible
+    /// at tile borders.
     pub fn with_reach_max(self, reach_max: f32) -> Self {
         Self { reach_max, ..self }
     }
@@ -125,7 +126,7 @@ impl Cutoffs {
         Self { order, ..self }
     }
 
-    /// Least alpha that is drawn.
+    /// Smallest drawn alpha.
     pub const fn alpha_min(&self) -> f32 {
         self.alpha_min
     }

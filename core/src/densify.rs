@@ -23,9 +23,9 @@ pub struct DensifyRules<R = f32> {
 }
 
 impl DensifyRules {
-    /// Removal of the Gaussians that no picture at the default cutoffs shows: their opacity, which
-    /// bounds alpha in every pixel, is below [`ALPHA_MIN`]. The sparsity loss lowers it further and
-    /// no pixel raises it, so none of them comes back.
+    /// Removal of Gaussians that are invisible at the default cutoffs: their opacity, which bounds
+    /// alpha in every pixel, is below [`ALPHA_MIN`]. The sparsity loss lowers it further and no
+    /// pixel raises it, so they never become visible again.
     pub const INVISIBLE: Self =
         Self { grad_min: f32::INFINITY, split_scale: f32::INFINITY, opacity_min: ALPHA_MIN, scale_max: f32::INFINITY };
 }
@@ -53,8 +53,8 @@ impl Action {
 pub const SPLIT_SHRINK: f32 = 1.6;
 
 /// Number of the [`Action`] on a Gaussian of this mean gradient, opacity and largest scale (Kerbl
-/// et al. 2023, section 5.2). A Gaussian with a measure that is not a number is removed, or kept if
-/// it is the gradient.
+/// et al. 2023, section 5.2). A Gaussian with a NaN measure is removed, or kept if only the
+/// gradient is NaN.
 #[inline(always)]
 pub fn decide<R: Real>(rules: &DensifyRules<R>, mean_grad: R, opacity: R, scale: R) -> R {
     let stays = rules.opacity_min.less_or_equal(opacity) & scale.less_or_equal(rules.scale_max);
@@ -77,7 +77,7 @@ pub fn grad_length<R: Real>(grad: [R; 2], half_size: [R; 2]) -> R {
     x.mul_add(x, y * y).sqrt()
 }
 
-/// Mean over the views that were counted for a Gaussian; zero for none.
+/// Mean over the counted views of a Gaussian; zero for none.
 #[inline(always)]
 pub fn mean_grad<R: Real>(grad_sum: R, view_count: R) -> R {
     grad_sum / view_count.max(view_count.constant(1.0))
@@ -90,7 +90,7 @@ pub fn largest_scale<R: Real>(log_scales: Vec3<R>) -> R {
     scales.x.max(scales.y).max(scales.z)
 }
 
-/// Three numbers from the normal distribution, by which one child of a split Gaussian moves.
+/// Three normally distributed numbers, the displacement of a child of a split Gaussian.
 pub fn split_noise(seed: u64, stream: u64, draw: u64) -> [f32; 3] {
     let noise = |axis: u64| random::normal(seed, stream, 3 * draw + axis);
     [noise(0), noise(1), noise(2)]

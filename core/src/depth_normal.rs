@@ -9,7 +9,7 @@ use crate::{
 /// Coverage below which a pixel has no surface.
 pub const SURFACE_COVERAGE: f32 = 0.5;
 
-/// Mask of pixels whose coverage makes them a surface.
+/// Mask of pixels with enough coverage for a surface.
 #[inline(always)]
 pub fn is_surface<R: Real>(coverage: R) -> R::Mask {
     coverage.constant(SURFACE_COVERAGE).less(coverage)
@@ -42,8 +42,7 @@ pub struct Cross<T> {
     pub below: T,
 }
 
-/// The weight of a pixel's normal: its coverage where it and its neighbours have a surface, else
-/// zero.
+/// Weight of a pixel's normal: its coverage if it and its neighbours have a surface, else zero.
 #[inline(always)]
 pub fn surface_weight<R: Real>(coverage: R, around: &Cross<R>) -> R {
     let least = coverage.min(around.left.min(around.right)).min(around.above.min(around.below));
@@ -70,7 +69,7 @@ fn ray_through<R: Real>(camera: &CameraOf<R>, x_px: R, y_px: R) -> Vec3<R> {
 }
 
 /// Unit normal in camera space, towards the camera, of the surface through four neighbours:
-/// (P_right − P_left) × (P_above − P_below), P = ray · depth. Zero where the surface has no extent.
+/// (P_right − P_left) × (P_above − P_below), P = ray · depth. Zero if the surface has no extent.
 #[inline(always)]
 pub fn normal<R: Real>(rays: &Cross<Vec3<R>>, depths: &Cross<R>) -> Vec3<R> {
     let (across, up) = edges(rays, depths);

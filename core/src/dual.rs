@@ -4,7 +4,7 @@
 use crate::{math, real::Real};
 use core::ops::{Add, Div, Mul, Neg, Sub};
 
-/// value + slope·ε with ε² = 0: `slope` is the derivative of any formula that is evaluated.
+/// value + slope·ε with ε² = 0: `slope` is the derivative of the evaluated formula.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Dual {
     /// The value.
@@ -14,7 +14,7 @@ pub struct Dual {
 }
 
 impl Dual {
-    /// A number that does not depend on the direction of derivation.
+    /// Constant: a number without derivative.
     pub fn constant_from(value: f64) -> Self {
         Self { value, slope: 0.0 }
     }

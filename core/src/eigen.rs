@@ -7,9 +7,8 @@ use crate::math;
 const SWEEPS: usize = 12;
 
 /// The eigenvalues of a symmetric matrix, smallest first, each with its eigenvector of unit length;
-/// the vectors are at right angles. By Jacobi's turns (Golub and Van Loan 2013, section 8.5), which
-/// are exact to rounding also where eigenvalues are equal. Of the matrix its upper triangle is
-/// read.
+/// the vectors are at right angles. By Jacobi rotations (Golub and Van Loan 2013, section 8.5),
+/// which are exact to rounding even for equal eigenvalues. Only the upper triangle is read.
 pub fn symmetric(matrix: [[f64; 3]; 3]) -> [(f64, [f64; 3]); 3] {
     let mut matrix = matrix;
     let mut vectors = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -68,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn a_matrix_turns_its_eigenvectors_into_multiples_of_themselves() {
+    fn a_matrix_multiplies_its_eigenvectors_by_their_eigenvalues() {
         assert_are_eigenvectors([[2.0, -1.0, 0.5], [-1.0, 0.3, 0.7], [0.5, 0.7, -1.0]]);
         assert_are_eigenvectors([[1.0, 1e-9, 0.0], [1e-9, 1.0, 1e-9], [0.0, 1e-9, 1.0]]);
         assert_are_eigenvectors([[0.0; 3]; 3]);

@@ -31,7 +31,7 @@ pub fn radiance_vjp<R: Real>(activation: RadianceActivation, radiance: R, grad: 
     }
 }
 
-/// Stored number of a radiance: the inverse of [`radiance`]. Positive radiance only, where the
+/// Stored number of a radiance: the inverse of [`radiance`]. Only positive radiance if the
 /// activation is exponential.
 pub fn number_of(activation: RadianceActivation, radiance: f32) -> f32 {
     match activation {
@@ -60,7 +60,7 @@ pub fn texels<A: AsRef<[f32]>>(light: &Environment<A>) -> impl Iterator<Item = [
     })
 }
 
-/// Weights of a network, bounded; those that are missing are zero.
+/// Weights of a network, clamped; missing ones are zero.
 pub fn weights_of(values: &[f32]) -> [f32; WEIGHT_COUNT] {
     core::array::from_fn(|index| values.get(index).map_or(0.0, |weight| bounded(*weight, WEIGHT_MAX)))
 }

@@ -20,26 +20,26 @@ use core::ops::Range;
 pub struct Occluder<'a, N> {
     /// Surface that casts shadows.
     pub surface: &'a N,
-    /// Irradiance / π of each vertex by lamp light that other parts of the surface reflect: red,
-    /// green and blue, finite; empty without reflected light.
+    /// Irradiance / π of each vertex by interreflected lamp light: red, green and blue, finite;
+    /// empty without interreflections.
     pub reflected: &'a [f32],
 }
 
-/// Error of a host buffer whose length differs from the array or frame that is read into it.
+/// Error of a host buffer with a length other than that of the array or frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BufferLength {
-    /// Numbers that are read.
+    /// Numbers to read.
     pub expected: usize,
-    /// Numbers that the buffer holds.
+    /// Length of the buffer.
     pub found: usize,
 }
 
 impl BufferLength {
-    /// Compares the length of a buffer with the number of values to be read into it.
+    /// Compares the length of a buffer with the number of values to read.
     ///
     /// # Errors
     ///
-    /// Returns both lengths where they differ.
+    /// Both lengths if they differ.
     pub const fn check(expected: usize, buffer: &[f32]) -> Result<(), Self> {
         if buffer.len() == expected { Ok(()) } else { Err(Self { expected, found: buffer.len() }) }
     }
@@ -50,8 +50,8 @@ impl core::fmt::Display for BufferLength {
         let Self { expected, found } = self;
         write!(
             out,
-            "a buffer of {found} numbers was given for {expected}; a frame has width × height numbers for each channel \
-             that was blended (RenderRules::blended) and for transmittance"
+            "a buffer has {found} numbers instead of {expected}; a frame has width × height numbers for each blended \
+             channel (RenderRules::blended) and for transmittance"
         )
     }
 }
@@ -63,7 +63,7 @@ impl core::error::Error for BufferLength {}
 pub struct DensifyReport {
     /// Gaussians that were copied.
     pub cloned: usize,
-    /// Gaussians that became two.
+    /// Gaussians that were split.
     pub split: usize,
     /// Gaussians that were removed.
     pub pruned: usize,
@@ -78,7 +78,7 @@ pub struct RandomKey {
     pub stream: u64,
 }
 
-/// Inputs of one training step beside the scene.
+/// Inputs of one training step other than the scene.
 #[derive(Debug)]
 pub struct TrainingStep<'a, E: Executor> {
     /// Camera of the photograph.
@@ -89,13 +89,13 @@ pub struct TrainingStep<'a, E: Executor> {
     pub background: [f32; 3],
     /// Exposure of the photograph; `None` compares colours unchanged.
     pub exposure: Option<&'a Exposure<f32>>,
-    /// Near field that reflected rays are traced against, if the rules ask for it.
+    /// Near field for reflected rays, if the rules need it.
     pub near_field: Option<&'a E::NearField>,
     /// Rendering rules.
     pub rules: &'a RenderRules,
     /// Weights of the losses.
     pub weights: &'a LossWeights,
-    /// Whether the step adds to the statistics of densification.
+    /// True if the step adds to the statistics of densification.
     pub is_observed: bool,
     /// Learning rate of every plane; [`AT_REST`](crate::optimise::AT_REST) for planes at rest.
     pub rates: &'a [f32],
@@ -122,8 +122,7 @@ pub struct StepReport {
 /// stages.
 ///
 /// Stages compute the same on every executor, up to rounding, and each is deterministic. The result
-/// of a stage is valid for later stages of the same executor, together with the Gaussians and the
-/// camera that it came from.
+/// of a stage is valid for later stages of the same executor, with the same Gaussians and camera.
 pub trait Renderer {
     /// Array of `f32` in the executor's memory.
     type Array;
@@ -150,7 +149,7 @@ pub trait Renderer {
     fn upload(&mut self, values: &[f32]) -> Result<Self::Array, Self::Error>;
 
     /// Uploads Gaussians, or anything else with the same planes, such as their moments. Executors
-    /// may accept more of them than a single array holds.
+    /// may accept more Gaussians than fit into a single array.
     ///
     /// # Errors
     ///
@@ -166,17 +165,17 @@ pub trait Renderer {
     ///
     /// # Errors
     ///
-    /// [`BufferLength`], where `values` has not the array's length; otherwise the error of the
+    /// [`BufferLength`] if `values` does not have the array's length; otherwise the error of the
     /// executor.
     fn download(&mut self, array: &Self::Array, values: &mut [f32]) -> Result<(), Self::Error>;
 
     /// Downloads a frame: its channels, then its transmittance, plane by plane. The channels are
-    /// those of [`RenderRules::blended`], which are more than the requested ones where light is
-    /// looked up per pixel.
+    /// those of [`RenderRules::blended`], more than the requested ones if light is looked up per
+    /// pixel.
     ///
     /// # Errors
     ///
-    /// [`BufferLength`], where `values` has another length; otherwise the error of the executor.
+    /// [`BufferLength`] if `values` has another length; otherwise the error of the executor.
     fn read_frame(&mut self, frame: &Self::Frame, values: &mut [f32]) -> Result<(), Self::Error>;
 
     /// Filters light into the roughness levels of later lookups; other levels may stay zero.
@@ -203,8 +202,8 @@ pub trait Renderer {
     fn surround(&mut self, light: Self::Light, near_field: &Self::NearField) -> Self::Light;
 
     /// Attaches lamps to a light, and replaces its former ones, with `rays` shadow rays to each
-    /// lamp that is wider than a point. Surfaces of `occluder` cast the shadows and reflect light
-    /// onto each other; `None` disables shadows and indirect light.
+    /// area lamp. Surfaces of `occluder` cast the shadows and reflect light onto each other; `None`
+    /// disables shadows and indirect light.
     ///
     /// # Errors
     ///
@@ -226,8 +225,8 @@ pub trait Renderer {
     /// The error of the executor, such as too little memory or a lost device.
     fn project(&mut self, gaussians: &Gaussians<Self::Array>, camera: &Camera) -> Result<Self::Splats, Self::Error>;
 
-    /// Shades splats. Without a light there is no specular term. Splats with attributes that are
-    /// not finite, of those that the rules read, are not drawn by later stages.
+    /// Shades splats. Without a light there is no specular term. Later stages do not draw splats if
+    /// an attribute that the rules read is not finite.
     ///
     /// # Errors
     ///
@@ -314,7 +313,7 @@ pub trait Executor: Renderer {
     /// Picture to compare with.
     type Target;
 
-    /// Whether targets are in device memory, so that caching them there saves uploads.
+    /// True if targets are in device memory, so caching them there saves uploads.
     const IS_DEVICE: bool = true;
 
     /// Uploads a picture of 8-bit sRGB and straight alpha, row by row.
@@ -324,9 +323,9 @@ pub trait Executor: Renderer {
     /// The error of the executor, such as a picture whose bytes do not fit its size.
     fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Self::Target, Self::Error>;
 
-    /// [`Renderer::bin`] for a step of training. An executor that would have to wait for the amount
-    /// of memory may estimate it from former steps; if the estimate is too small, no later stage of
-    /// the step changes anything, and [`Executor::report`] returns `None`.
+    /// [`Renderer::bin`] for a step of training. To avoid waiting for the required amount of
+    /// memory, an executor may estimate it from previous steps; if the estimate is too small, no
+    /// later stage of the step changes anything, and [`Executor::report`] returns `None`.
     ///
     /// # Errors
     ///
@@ -335,8 +334,8 @@ pub trait Executor: Renderer {
         self.bin(splats, camera)
     }
 
-    /// Applies the exposure of a photograph ([`crate::expose`]). The frame keeps its colours from
-    /// before, which the gradients of this stage read.
+    /// Applies the exposure of a photograph ([`crate::expose`]). The frame keeps its previous
+    /// colours for the gradients of this stage.
     ///
     /// # Errors
     ///
@@ -359,7 +358,7 @@ pub trait Executor: Renderer {
     ) -> Result<Self::FrameGrad, Self::Error>;
 
     /// Gradient of [`Executor::expose`] with respect to the picture. [`Executor::report`] returns
-    /// that of the exposure, which is a sum over pixels.
+    /// the gradient of the exposure, a sum over pixels.
     ///
     /// # Errors
     ///
@@ -498,7 +497,7 @@ pub trait Executor: Renderer {
     /// Results of the stages since the last report: the losses of the last picture, the gradient of
     /// its exposure, and the number of skipped gradients. It is the only synchronisation point of a
     /// step. `None` if [`Executor::bin_for_step`] reserved too little memory: then nothing was
-    /// changed, and the step has to be repeated, now with enough memory.
+    /// changed, and the step must be repeated, now with enough memory.
     ///
     /// # Errors
     ///
@@ -534,8 +533,8 @@ pub trait Executor: Renderer {
         key: RandomKey,
     ) -> Result<DensifyReport, Self::Error>;
 
-    /// Sets the filter in space of Gaussians that have one: the least sampling interval of these
-    /// views at the mean ([`mod@crate::antialias`]). Other Gaussians stay as they are.
+    /// Sets the filter in space of Gaussians that have one: the smallest sampling interval of these
+    /// views at the mean ([`mod@crate::antialias`]). Other Gaussians are unchanged.
     ///
     /// # Errors
     ///
@@ -558,22 +557,22 @@ pub trait Executor: Renderer {
     ) -> Result<(), Self::Error>;
 }
 
-/// Executor whose stage results can be read back, and which takes gradients of a frame from the
-/// host: for sums over the pixels of a view for each Gaussian.
+/// Executor with readable stage results and frame gradients from the host: for sums over the pixels
+/// of a view for each Gaussian.
 pub trait ReadBack: Executor {
-    /// Reads the channels of Gaussians, `channels` numbers for each Gaussian; those of a Gaussian
-    /// that is not drawn are arbitrary.
+    /// Reads the channels of Gaussians, `channels` numbers for each Gaussian; arbitrary for
+    /// Gaussians that are not drawn.
     ///
     /// # Errors
     ///
-    /// [`BufferLength`], where `values` has another length.
+    /// [`BufferLength`] if `values` has another length.
     fn read_colors(&mut self, colors: &Self::Colors, values: &mut [f32]) -> Result<(), Self::Error>;
 
     /// Gradient of a frame from its planes, in the order of [`Renderer::read_frame`].
     ///
     /// # Errors
     ///
-    /// [`BufferLength`], where `planes` has not the length of the frame's values; otherwise the
+    /// [`BufferLength`] if `planes` does not have the length of the frame's values; otherwise the
     /// error of the executor.
     fn upload_frame_grad(&mut self, frame: &Self::Frame, planes: &[f32]) -> Result<Self::FrameGrad, Self::Error>;
 

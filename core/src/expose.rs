@@ -1,9 +1,9 @@
-//! Exposure of photographs: an affine map of colours for each, so that the scene itself keeps one
+//! Exposure of photographs: an affine map of colours for each, so the scene has a single
 //! appearance.
 //!
 //! The photograph shows C' = A C + (1 − T) b, where C is its premultiplied colour and T the
 //! transmittance: the scene is mapped, the background behind it is not. This equals a scene whose
-//! Gaussians have the colours A c + b, and empty pixels stay unchanged.
+//! Gaussians have the colours A c + b, and empty pixels are unchanged.
 
 use crate::{
     real::Real,
@@ -16,8 +16,8 @@ pub type Exposure<R> = [[R; 4]; 3];
 /// Exposure that keeps colours unchanged.
 pub const IDENTITY: Exposure<f32> = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
 
-/// A C + a b: a premultiplied colour C with coverage a = 1 − T in \[0, 1\], as a photograph of this
-/// exposure shows it.
+/// A C + a b: a premultiplied colour C with coverage a = 1 − T in \[0, 1\], as in a photograph with
+/// this exposure.
 #[inline(always)]
 pub fn expose<R: Real>(exposure: &Exposure<R>, color: Vec3<R>, coverage: R) -> Vec3<R> {
     let row = |[red, green, blue, offset]: [R; 4]| red * color.x + green * color.y + blue * color.z + offset * coverage;

@@ -1,4 +1,4 @@
-//! GGX lobes: how much light from one direction belongs to a reflection in another.
+//! GGX lobes: weight of light from one direction in the reflection along another.
 
 use crate::{math, real::Real, vector::Vec3};
 
@@ -28,8 +28,8 @@ pub fn lobe_weight_vjp<R: Real>(reflection_dir: Vec3<R>, light_dir: Vec3<R>, alp
     (together - apart / (alpha_ggx * alpha_ggx)) * (grad_q * 0.5)
 }
 
-/// c² + (s/α)², from the sum and the difference of the directions: exact to rounding where the arc
-/// cosine of their dot product has lost every digit.
+/// c² + (s/α)², from the sum and the difference of the directions: exact to rounding even where the
+/// arc cosine of their dot product has lost every digit.
 #[inline(always)]
 fn lobe_falloff<R: Real>(reflection_dir: Vec3<R>, light_dir: Vec3<R>, alpha_ggx: R) -> R {
     let together = light_dir + reflection_dir;
@@ -54,8 +54,8 @@ pub fn energy_angle(alpha_ggx: f64, energy: f64) -> f64 {
 }
 
 /// Microfacet density D(θ_h) = α² / (π ((α² − 1) cos²θ_h + 1)²) in the textbook's form, from the
-/// cosine. Exact only for α² well above the rounding of 1: the authors' prefilter uses it, ours
-/// uses [`lobe_weight`].
+/// cosine. Exact only for α² well above the rounding of 1: the authors' prefilter uses it,
+/// specula's uses [`lobe_weight`].
 pub fn distribution(cos_half: f64, alpha_ggx: f64) -> f64 {
     let a2 = alpha_ggx * alpha_ggx;
     let q = cos_half * cos_half * (a2 - 1.0) + 1.0;

@@ -13,19 +13,18 @@
 //! F₀ + (1 − F₀)(1 − v·h)⁵ (Schlick 1994) and the share V of the lamp that x sees. E is that of the
 //! sun, or I / |c − x|² of a sphere around c of radiant intensity I. [`horizon`] is H.
 //!
-//! A lamp is wider than a point, so a highlight is wider than the lobe. The roughness of D and G is
-//! widened for it (after Karis 2013, "Real Shading in Unreal Engine 4"): α′² = α² + sin² ω / 4.
-//! The half vectors of a lamp lie within ω/2 of each other, and with this factor a mirror shows the
-//! lamp at the lamp's own radiance E / (π sin² ω), F times, and at no more.
+//! An area lamp makes a highlight wider than the lobe. The roughness of D and G is widened
+//! accordingly (after Karis 2013, "Real Shading in Unreal Engine 4"): α′² = α² + sin² ω /
+//! 4. The half vectors of a lamp are within ω/2 of each other, and with this factor a mirror shows
+//! the lamp with at most F times the lamp's radiance E / (π sin² ω).
 //!
-//! V is found by rays from x to points of the lamp's disc against the triangles of the scene
-//! ([`crate::near_field`]): a spiral of equal areas (Vogel 1979), shifted and turned from pixel to
-//! pixel by numbers that derive from its place. Each ray weighs as much as its light on the
+//! V is computed by tracing rays from x to points of the lamp's disc against the triangles of the
+//! scene ([`crate::near_field`]): a spiral of equal areas (Vogel 1979), shifted and turned per
+//! pixel by numbers derived from the pixel's position. Each ray is weighted by its light on the
 //! surface.
 //!
-//! Light of lamps that diffuse layers reflect once or twice onto other surfaces is stored at the
-//! vertices of the triangles; a pixel takes it from the triangle below it
-//! ([`crate::near_field::NearField::surface_below`]).
+//! Lamp light after one or two diffuse interreflections is stored at the vertices of the triangles;
+//! a pixel reads it from the triangle below it ([`crate::near_field::NearField::surface_below`]).
 
 use crate::{
     camera::CameraOf,
@@ -42,32 +41,31 @@ use core::f32::consts::{FRAC_1_PI, PI};
 
 /// Largest number of lamps.
 pub const LAMPS_MAX: usize = 64;
-/// Default number of shadow rays of a pixel to a lamp that is wider than a point.
+/// Default number of shadow rays of a pixel to an area lamp.
 pub const RAYS: usize = 32;
 /// Largest number of shadow rays.
 pub const RAYS_MAX: usize = 1024;
 /// Largest irradiance or radiant intensity of a lamp: a sun at noon has 1e3 W/m².
 pub const LIGHT_MAX: f32 = 1e9;
-/// Largest coordinate of a lamp and largest radius: squares of distances stay far from the end of
-/// an `f32`.
+/// Largest coordinate and radius of a lamp: squares of distances do not overflow an `f32`.
 pub const DISTANCE_MAX: f32 = 1e9;
 
-/// Distance from a lamp without a radius below which its irradiance stays constant.
+/// Distance from a point lamp below which its irradiance is constant.
 const NEAREST: f32 = 1e-4;
-/// Largest sine of the angular radius of a lamp: one that touches the surface, or encloses it.
+/// Largest sine of the angular radius of a lamp: for one that touches or encloses the surface.
 const SINE_MAX: f32 = 0.99;
-/// Least sine for which the horizon is blurred.
+/// Smallest sine for which the horizon is blurred.
 const SINE_MIN: f32 = 1e-6;
-/// Least α² of a lobe: highlights of mirrors under a point.
+/// Smallest α² of a lobe: highlights of mirrors under a point lamp.
 const ALPHA2_MIN: f32 = 1e-6;
-/// Modulus of the numbers of a pixel. Cubes are a permutation of its remainders, and products of
-/// two remainders are whole numbers that an `f32` holds exactly, on every machine.
+/// Modulus of the pseudo-random numbers of a pixel. Cubes are a permutation of its remainders, and
+/// products of two remainders are whole numbers that an `f32` represents exactly.
 const PRIME: f32 = 1019.0;
 
 /// A lamp.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Lamp {
-    /// Light from far away, the same at every place.
+    /// Distant light, the same at every point.
     Sun {
         /// Direction to the sun, in world space, of any length but 0.
         direction: [f32; 3],
@@ -81,7 +79,7 @@ pub enum Lamp {
     Sphere {
         /// Centre, in world space.
         position: [f32; 3],
-        /// Radiant intensity, linear: the irradiance that it has at a distance of 1.
+        /// Radiant intensity, linear: the irradiance at a distance of 1.
         intensity: [f32; 3],
         /// Radius, in units of the scene; 0 for a point.
         radius: f32,
@@ -111,7 +109,7 @@ impl core::fmt::Display for LampError {
             Self::Number { index } => {
                 write!(
                     out,
-                    "lamp {index} has a strength above {LIGHT_MAX}, a place or radius beyond {DISTANCE_MAX}, no \
+                    "lamp {index} has a strength above {LIGHT_MAX}, a position or radius beyond {DISTANCE_MAX}, no \
                      direction, or a number that is negative or not finite"
                 )
             }
@@ -153,7 +151,7 @@ impl Lamp {
         }
     }
 
-    /// Whether the lamp is wider than a point: only then are its shadows soft.
+    /// True for area lamps, which have soft shadows.
     pub const fn is_wide(&self) -> bool {
         match self {
             Self::Sun { diameter, .. } => *diameter > 0.0,
@@ -175,7 +173,7 @@ impl Lamp {
     }
 }
 
-/// A lamp in the numbers that formulas compute with.
+/// A lamp in the number type of formulas.
 #[derive(Clone, Copy, Debug)]
 pub struct LampOf<R> {
     /// Unit direction to a sun, or position of a sphere.
@@ -199,7 +197,7 @@ impl<R: Real> LampOf<R> {
     }
 }
 
-/// Surface of a pixel, as far as the light of lamps depends on it.
+/// Surface of a pixel, with the attributes for the light of lamps.
 #[derive(Clone, Copy, Debug)]
 pub struct LitPixel<R> {
     /// Point of the surface, in world space.
@@ -272,8 +270,8 @@ pub fn toward<R: Real>(lamp: &LampOf<R>, point: Vec3<R>, normal: Vec3<R>) -> Tow
 }
 
 /// Irradiance of a surface by a disc, relative to normal incidence: n·l above the horizon, zero
-/// below, and between, where the surface sees a part of the disc, the parabola that continues both
-/// with their slopes.
+/// below, and between, where the surface sees a part of the disc, the parabola that joins both
+/// smoothly.
 #[inline(always)]
 pub fn horizon<R: Real>(n_dot_l: R, sine: R) -> R {
     let sine = sine.max(sine.constant(SINE_MIN));
@@ -308,7 +306,7 @@ pub fn specular<R: Real>(
     fresnel * (density * visible * n_dot_l)
 }
 
-/// Light of lamps that reaches a surface, and that it reflects specularly.
+/// Light of lamps on a surface, and its specular reflection.
 #[derive(Clone, Copy, Debug)]
 pub struct DirectLight<R> {
     /// Irradiance / π.
@@ -326,8 +324,8 @@ impl<R: Real> DirectLight<R> {
     pub fn none(like: R) -> Self {
         Self { irradiance: Vec3::zero(like), specular: Vec3::zero(like) }
     }
-    /// Light that other surfaces reflect: only irradiance / π, since highlights of dim surfaces are
-    /// negligible beside those of a lamp.
+    /// Interreflected light: only irradiance / π, because highlights of dim surfaces are negligible
+    /// compared with those of a lamp.
     #[inline(always)]
     pub fn reflected(irradiance: Vec3<R>) -> Self {
         Self { irradiance, specular: Vec3::zero(irradiance.x) }
@@ -350,7 +348,7 @@ impl<R: Real> DirectLight<R> {
     }
 }
 
-/// Light of a lamp of which the surface sees the share `share`.
+/// Light of a lamp with the visible share `share`.
 #[inline(always)]
 pub fn direct_light<R: Real>(pixel: &LitPixel<R>, toward: &Toward<R>, share: R) -> DirectLight<R> {
     let LitPixel { view_dir, ref facing, f0, alpha_ggx, .. } = *pixel;
@@ -362,8 +360,8 @@ pub fn direct_light<R: Real>(pixel: &LitPixel<R>, toward: &Toward<R>, share: R) 
     }
 }
 
-/// Checks the irradiance / π of a surface's vertices by light that other parts of it reflect;
-/// empty where none is reflected.
+/// Checks the irradiance / π of a surface's vertices by interreflected light; empty without
+/// interreflections.
 ///
 /// # Errors
 ///
@@ -374,12 +372,12 @@ pub fn check_reflected(vertex_count: usize, reflected: &[f32]) -> Result<(), Lam
     if is_fine { Ok(()) } else { Err(LampError::Reflected) }
 }
 
-/// Turn of a pixel's shadow rays, and shift from ring to ring.
+/// Rotation and radial shift of a pixel's shadow rays.
 #[derive(Clone, Copy, Debug)]
 pub struct Shift<R> {
-    /// Share of the way from a ring to the next, in (0, 1).
+    /// Radial shift as a share of a ring, in (0, 1).
     pub outwards: R,
-    /// Cosine and sine of the turn.
+    /// Cosine and sine of the rotation.
     pub turn: [R; 2],
 }
 
@@ -391,13 +389,13 @@ pub fn shift<R: Real>(column: R, row: R, lamp: R) -> Shift<R> {
     let first = cube(remainder(down * 37.0 + lamp * 101.0 + 1.0));
     let second = cube(remainder(first * 41.0 + 7.0));
     let share = |number: R| (number + 0.5) * (1.0 / PRIME);
-    // A rational point of half the circle, which a spiral's arms fill up.
+    // A rational point of the half circle; the spiral is symmetric.
     let t = share(second) * 2.0 - 1.0;
     let scale = (t.squared() + 1.0).recip();
     Shift { outwards: share(first), turn: [(-t.squared() + 1.0) * scale, t * 2.0 * scale] }
 }
 
-/// Remainder of a whole number below 2²⁰; exact, also where division is not.
+/// Remainder of a whole number below 2²⁰; exact even if division is not.
 #[inline(always)]
 fn remainder<R: Real>(number: R) -> R {
     number - ((number + 0.5) * (1.0 / PRIME)).floor() * PRIME
@@ -438,7 +436,7 @@ pub struct ShadowRay<R> {
 }
 
 /// Shadow ray of a surface to a point of a spiral over a lamp's disc. Points have equal areas of
-/// the disc as a surface sees it that faces the lamp, so that equal shares of E come from each.
+/// the disc as seen from a facing surface, so each contributes an equal share of E.
 #[inline(always)]
 pub fn shadow_ray<R: Real>(
     normal: Vec3<R>,
@@ -456,8 +454,8 @@ pub fn shadow_ray<R: Real>(
     ShadowRay { direction, weight: (normal.dot(direction) / along).max(along.zero()) }
 }
 
-/// Share of a lamp that a surface sees, from the weights of all rays and of those that reach it;
-/// zero where no ray leads above the horizon.
+/// Visible share of a lamp, from the weights of all rays and of the unblocked ones; zero if no ray
+/// is above the horizon.
 #[inline(always)]
 pub fn seen_share<R: Real>(all: R, reaching: R) -> R {
     let zero = all.zero();

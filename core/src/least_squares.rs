@@ -2,11 +2,11 @@
 //!
 //! Minimises Σ w |Σ_k x_k c_k − t|² over the unknowns c, three targets t at once, by N c = r with N
 //! = Σ w x xᵀ and r = Σ w x t (Lawson and Hanson 1974, chapter 19), in `f64`. N does not depend on
-//! the targets, so where many fits have the same rows x it is summed once.
+//! the targets, so it is summed once for many fits with the same rows x.
 
 use crate::math;
 
-/// Most unknowns of a fit.
+/// Maximum number of unknowns of a fit.
 pub const UNKNOWNS_MAX: usize = 16;
 /// Numbers of a lower triangle with [`UNKNOWNS_MAX`] rows.
 const TRIANGLE: usize = UNKNOWNS_MAX * (UNKNOWNS_MAX + 1) / 2;
@@ -80,7 +80,7 @@ impl LeastSquares {
         solution.iter().flatten().all(|number| number.is_finite()).then_some(solution)
     }
 
-    /// The lower triangle L with L Lᵀ = N, by Cholesky. None unless N is positive definite beyond
+    /// Lower triangle L with L Lᵀ = N, by Cholesky. `None` unless N is positive definite beyond
     /// rounding.
     fn root(&self) -> Option<[f64; TRIANGLE]> {
         const ROUNDING: f64 = 1e-12;

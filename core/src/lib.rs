@@ -1,7 +1,7 @@
 //! Formulas of specula as pure functions of values: no allocation, no threads, no files, no
 //! `unsafe`.
 //!
-//! Modules of the pipeline, in its order, and of the formulas that its stages are made of:
+//! Modules of the pipeline in its order, and of the formulas of its stages:
 //!
 //! ```text
 //! scene → plan → prefilter → project → shade → bin → blend ┐
@@ -11,11 +11,11 @@
 //!
 //! * [`scene`]: Gaussians, environments, images, over any storage; [`camera`]: pinhole cameras
 //! * [`rules`]: rendering rules and channels; [`cutoffs`]: culling and early-termination
-//!   thresholds; [`plan`]: rules without the terms that a scene does not need
+//!   thresholds; [`plan`]: rules without unneeded terms
 //! * [`environment`]: radiance of a light; [`prefilter`]: light into roughness levels ([`ggx`],
 //!   [`cubemap`]); [`light_network`]: levels from a network
 //! * [`splat`]: two-dimensional splats; [`project`]: Gaussians to splats ([`covariance`],
-//!   [`perspective`], [`antialias`]); [`cull`]: reasons for which Gaussians are not drawn
+//!   [`perspective`], [`antialias`]); [`cull`]: reasons why Gaussians are not drawn
 //! * [`attributes`]: stored planes to material, harmonics and channels, over any executor's memory
 //! * [`shade`]: materials and light to colours ([`normal`], [`sh`], [`split_sum`], [`color`]);
 //!   [`shade_pixels`], [`physical`]: the same pixel by pixel; [`near_field`]: surfaces that
@@ -31,9 +31,9 @@
 //!
 //! Formulas are generic over [`real::Real`]: `f32`, SIMD lanes, [`double::Double`] as the oracle of
 //! every error figure, and [`dual::Dual`] to check every `_vjp`. A `_vjp` pulls the gradient of a
-//! function's result back to its arguments and stands right after the function.
+//! function's result back to its arguments and follows the function.
 //!
-//! One Gaussian, from its stored attributes to the colour that an eye sees, `c = γ(c_d + s ⊙ L_s +
+//! One Gaussian, from its stored attributes to the colour seen by the eye, `c = γ(c_d + s ⊙ L_s +
 //! c_r)`, without any executor:
 //!
 //! ```

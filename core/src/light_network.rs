@@ -1,14 +1,14 @@
 //! Light as a network over directions: the directional encoding of Ref-NeRF (Verbin et al. 2022)
-//! and three dense layers, in place of a cube map and its prefilter.
+//! and three dense layers, instead of a cube map and its prefilter.
 //!
 //! The radiance of a direction at a roughness is the exponential of the network's output for the
 //! *integrated directional encoding*: real harmonics of the degrees 1, 2, 4 and 8, each attenuated
 //! as by the mean over a lobe of the roughness. The 34 numbers are those of Ref-NeRF, without the
 //! imaginary parts of order zero, which are zero.
 //!
-//! Weights lie layer after layer: a row of outputs for each input, then the row of biases.
+//! Weights are stored layer by layer: a row of outputs for each input, then the row of biases.
 //! Executors evaluate the network in each texel of the roughness levels of a cube map; the gradient
-//! of the levels goes back to the weights.
+//! of the levels is propagated to the weights.
 
 use crate::{math, prefilter::PrefilterScheme, random, real::Real, vector::Vec3};
 
@@ -29,7 +29,7 @@ pub const LAYER_STARTS: [usize; 4] = {
 };
 /// Number of all weights.
 pub const WEIGHT_COUNT: usize = LAYER_STARTS[3];
-/// Finest cube map that a network is evaluated in: beyond the detail of its harmonics, a device
+/// Finest cube map for evaluating a network: it exceeds the detail of the harmonics, so finer ones
 /// would only need more memory.
 pub const NETWORK_RESOLUTION_MAX: usize = 128;
 
@@ -37,7 +37,7 @@ pub const NETWORK_RESOLUTION_MAX: usize = 128;
 pub const WEIGHT_MAX: f32 = 1e6;
 /// Largest output of a hidden neuron, with no gradient beyond.
 pub const HIDDEN_MAX: f32 = 1e6;
-/// Numbers of radiance lie within this bound, e⁴² = 1.7e18, with no gradient beyond.
+/// Bound of the numbers of radiance, e⁴² = 1.7e18, with no gradient beyond.
 pub const NUMBER_MAX: f32 = 42.0;
 
 /// Concentration κ of the von Mises-Fisher lobe that approximates the GGX lobe of a roughness ρ >
@@ -45,8 +45,8 @@ pub const NUMBER_MAX: f32 = 42.0;
 ///
 /// Fitted to the attenuation of the four degrees by the GGX lobe ([`crate::ggx`]), within 0.08 for
 /// ρ from 0.07 to 1. Ref-NeRF learns 1 / κ as its roughness; the spherical Gaussian with the
-/// curvature of the lobe's peak, 1 / (2 ρ⁴) (Wang et al. 2009), leaves the tail out, and at ρ = 1
-/// most of the light.
+/// curvature of the lobe's peak, 1 / (2 ρ⁴) (Wang et al. 2009), omits the tail, and at ρ = 1 most
+/// of the light.
 pub fn concentration(roughness: f64) -> f64 {
     1.0 / (roughness * roughness * roughness) + 1.25 * roughness * roughness
 }
@@ -77,8 +77,8 @@ pub fn encode<R: Real>(direction: Vec3<R>, attenuations: &[R; DEGREES.len()]) ->
     let [zero, one] = [0.0, 1.0].map(|value| x.constant(value));
     let root = |above: usize, below: usize| (x.constant(above as f32) / x.constant(below as f32)).sqrt();
     let mut out = [zero; ENCODING];
-    // sin^m θ cos mφ and sin^m θ sin mφ are the parts of (x + iy)^m; what remains is a polynomial
-    // of z.
+    // sin^m θ cos mφ and sin^m θ sin mφ are the parts of (x + iy)^m; the other factor is a
+    // polynomial of z.
     let (mut cosine, mut sine) = (one, zero);
     let mut sectoral = one;
     for order in 0..=LAST {
@@ -117,7 +117,7 @@ pub fn encode<R: Real>(direction: Vec3<R>, attenuations: &[R; DEGREES.len()]) ->
     out
 }
 
-/// `number`, kept within ±`bound`.
+/// `number` clamped to ±`bound`.
 #[inline(always)]
 pub fn bounded<R: Real>(number: R, bound: f32) -> R {
     number.clamp(-bound, bound)
@@ -198,7 +198,7 @@ fn product<R: Real>(a: &[R], b: &[R]) -> R {
 pub struct Answers<R> {
     /// Outputs of the hidden layers.
     pub hidden: [[R; WIDTH]; 2],
-    /// Numbers of red, green and blue, before they are bounded.
+    /// Numbers of red, green and blue before clamping.
     pub sums: [R; CHANNELS],
 }
 
@@ -245,9 +245,9 @@ pub fn evaluate_vjp<R: Real>(
 /// Stream of the random numbers of initial weights.
 const WEIGHT_STREAM: u64 = 0x6e65_7477;
 
-/// Initial weight of a network whose light is constant: hidden layers are uniform with the variance
-/// of He et al. 2015, 2 / inputs; biases are zero, and so are the weights of the outputs, whose
-/// bias is the number of the radiance.
+/// Initial weight of a network with constant light: hidden layers are uniform with the variance of
+/// He et al. 2015, 2 / inputs; biases are zero, and so are the weights of the outputs, whose bias
+/// is the number of the radiance.
 pub fn initial_weight(index: usize, number: f32, seed: u64) -> f32 {
     let [_, second, third, _] = LAYER_STARTS;
     let inputs = if index < second { ENCODING } else { WIDTH };
@@ -272,7 +272,7 @@ pub enum LightNetworkError {
         /// Texels along an edge of a face.
         resolution: usize,
     },
-    /// There are more or fewer weights.
+    /// The number of weights is wrong.
     Count {
         /// Number of weights.
         found: usize,
@@ -289,7 +289,7 @@ impl LightNetworkError {
     ///
     /// # Errors
     ///
-    /// The first of these that is invalid for a network.
+    /// The first invalid value.
     pub fn check(resolution: usize, found: usize, scheme: PrefilterScheme) -> Result<(), Self> {
         if scheme != PrefilterScheme::Exact {
             Err(Self::Scheme)
@@ -320,15 +320,14 @@ impl core::fmt::Display for LightNetworkError {
         match self {
             Self::Scheme => write!(
                 out,
-                "the light is a network, which the prefilter of the authors' code cannot filter; use the shading of \
-                 the profile specula or paper"
+                "the light is a network, which the official prefilter does not support; use the shading of the profile \
+                 specula or paper"
             ),
-            Self::Resolution { resolution } => write!(
-                out,
-                "a light's network is evaluated in cube maps of a resolution up to {NETWORK_RESOLUTION_MAX}, not {resolution}"
-            ),
-            Self::Count { found } => write!(out, "a light's network has {WEIGHT_COUNT} weights, not {found}"),
-            Self::Nonfinite { count } => write!(out, "{count} weights of the light's network are NaN or infinite"),
+            Self::Resolution { resolution } => {
+                write!(out, "a light network supports resolutions up to {NETWORK_RESOLUTION_MAX}, not {resolution}")
+            }
+            Self::Count { found } => write!(out, "a light network has {WEIGHT_COUNT} weights, not {found}"),
+            Self::Nonfinite { count } => write!(out, "{count} weights of the light network are NaN or infinite"),
         }
     }
 }

@@ -62,14 +62,14 @@ pub fn squared_vjp<R: Real>(x: R, y: R, grad: R) -> R {
     (x - y) * grad * 2.0
 }
 
-/// Least number of a true picture that counts as white: its nearest byte is the largest.
+/// Smallest number of a true picture that counts as white: it rounds to the largest byte.
 const WHITE_MIN: f32 = 254.5 / 255.0;
 
-/// Rendered number as a picture records it, for a true number of a pixel of this alpha, both over
-/// the background: min(x, 1) where the true number is white and its pixel opaque.
+/// Rendered number as recorded in a picture, for a true number in a pixel of this alpha, both over
+/// the background: min(x, 1) if the true number is white and its pixel opaque.
 ///
-/// A picture records no radiance above white, so any rendered radiance from there on agrees with
-/// it. Where the true pixel is darker, or shows the background, the rendered number is unchanged.
+/// A picture records no radiance above white, so any larger rendered radiance agrees with it. If
+/// the true pixel is darker, or shows the background, the rendered number is unchanged.
 #[inline(always)]
 pub fn recorded<R: Real>(rendered: R, truth: R, alpha: R) -> R {
     let least = rendered.constant(WHITE_MIN);
@@ -77,7 +77,7 @@ pub fn recorded<R: Real>(rendered: R, truth: R, alpha: R) -> R {
     R::select(is_white, rendered.min(rendered.constant(1.0)), rendered)
 }
 
-/// Gradient of [`recorded`], from its value and the true number: zero where both are white.
+/// Gradient of [`recorded`], from its value and the true number: zero if both are white.
 #[inline(always)]
 pub fn recorded_vjp<R: Real>(recorded: R, truth: R, grad: R) -> R {
     let white = recorded.constant(1.0);
@@ -85,7 +85,7 @@ pub fn recorded_vjp<R: Real>(recorded: R, truth: R, grad: R) -> R {
     grad.keep(differs | truth.less(truth.constant(WHITE_MIN)))
 }
 
-/// Windowed means that SSIM is made of.
+/// Windowed means for SSIM.
 #[derive(Clone, Copy, Debug)]
 pub struct SsimMoments<R> {
     /// E\[x\].
@@ -101,13 +101,13 @@ pub struct SsimMoments<R> {
 }
 
 impl<R: Real> SsimMoments<R> {
-    /// Quantities whose windowed means SSIM takes: x, y, x² + y², xy. Only the sum of the squares
-    /// is needed.
+    /// Quantities with windowed means in SSIM: x, y, x² + y², xy. Only the sum of the squares is
+    /// needed.
     #[inline(always)]
     pub fn products(x: R, y: R) -> [R; 4] {
         [x, y, x.mul_add(x, y * y), x * y]
     }
-    /// From the means of [`SsimMoments::products`]; all squares stand in `xx`.
+    /// Moments from the means of [`SsimMoments::products`]; all squares are in `xx`.
     #[inline(always)]
     pub fn of_means([x, y, squares, xy]: [R; 4]) -> Self {
         Self { x, y, xx: squares, yy: x.zero(), xy }
@@ -136,7 +136,7 @@ pub fn ssim_vjp<R: Real>(m: &SsimMoments<R>, grad: R) -> [R; 3] {
 }
 
 /// Gradient with respect to x of one pixel, from the gradients of E\[x\], E\[x²\] and E\[xy\] of
-/// all windows that see it, each times the pixel's weight in it.
+/// all windows that contain it, each times the pixel's weight.
 #[inline(always)]
 pub fn ssim_pixel_vjp<R: Real>(x: R, y: R, [grad_x, grad_xx, grad_xy]: [R; 3]) -> R {
     let through_squares = x * 2.0 * grad_xx + y * grad_xy;
@@ -196,8 +196,8 @@ pub fn residual_vjp<R: Real>(number: R, grad: R) -> R {
     (number.clamp(-RESIDUAL_MAX, RESIDUAL_MAX) * grad).keep(number.is_finite())
 }
 
-/// (m − g)² of a metalness m = σ(x), from its logit x, and the share g of metal that other
-/// attributes suggest ([`crate::physical::metal_share`]), which is held fixed.
+/// (m − g)² of a metalness m = σ(x), from its logit x, and the share g of metal suggested by other
+/// attributes ([`crate::physical::metal_share`]), which is held fixed.
 #[inline(always)]
 pub fn metalness<R: Real>(logit: R, suggested: R) -> R {
     let apart = sigmoid(logit) - suggested;
@@ -213,7 +213,7 @@ pub fn metalness_vjp<R: Real>(logit: R, suggested: R, grad: R) -> R {
     slope.keep(logit.is_finite() & suggested.is_finite())
 }
 
-/// Coverage is kept this far from 0 and 1 in [`sparse_coverage`].
+/// Minimum distance of coverage from 0 and 1 in [`sparse_coverage`].
 pub const COVERAGE_MARGIN: f32 = 1e-3;
 
 /// ln A + ln(1 − A) of a pixel's coverage, limited: the authors' code's form of the sparse loss.
@@ -318,22 +318,22 @@ pub struct LossWeights {
     pub sparse_coverage: f32,
     /// Weight of the blended |Δn|², which is weighted by coverage.
     pub residual_image: f32,
-    /// Weight of |A − A_gt|, where pictures have an alpha channel.
+    /// Weight of |A − A_gt|, if pictures have an alpha channel.
     pub coverage: f32,
     /// Weight of the sparse loss.
     pub sparse: f32,
     /// Weight of |Δn₁|² + |Δn₂|².
     pub residual: f32,
-    /// Weight of [`metalness`], where Gaussians have one.
+    /// Weight of [`metalness`], if Gaussians have one.
     pub metalness: f32,
     /// Mean linear radiance of the light, for [`Self::metalness`].
     pub mean_light: f32,
-    /// Whether true pictures saturate at white: losses of colour compare [`recorded`] numbers.
+    /// True if true pictures saturate at white: losses of colour compare [`recorded`] numbers.
     pub saturates: bool,
 }
 
 /// Prints the losses of metalness and of smoothness only if they have a weight, and saturation only
-/// if it is on: checkpoints hold the text of their settings.
+/// if it is on: checkpoints contain the text of their settings.
 impl core::fmt::Debug for LossWeights {
     fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let mut text = out.debug_struct("LossWeights");
@@ -373,8 +373,8 @@ impl LossWeights {
         saturates: false,
     };
 
-    /// Removes the loss that pictures of this form do not have: the smoothness of normals for
-    /// physical materials, as it is derived from view-dependent colours.
+    /// Removes the loss that does not apply to this form: the smoothness of normals for physical
+    /// materials, because it is derived from view-dependent colours.
     pub fn of_form(self, form: ShadingForm) -> Self {
         Self { smoothness: if form == ShadingForm::Physical { 0.0 } else { self.smoothness }, ..self }
     }

@@ -1,5 +1,5 @@
-//! Elementary functions that `core` lacks, from `std` or `libm`; no other module depends on
-//! the choice.
+//! Elementary functions missing in `core`, from `std` or `libm`; no other module depends on the
+//! choice.
 
 macro_rules! forward {
     ($($(#[$doc:meta])* $name:ident($($arg:ident),*) = $f32_method:ident, $libm32:ident; f64: $name64:ident, $libm64:ident;)*) => {$(

@@ -18,8 +18,7 @@ pub fn angle_degrees(a: [f32; 3], b: [f32; 3]) -> f64 {
     math::atan264(sine, ax * bx + ay * by + az * bz).to_degrees()
 }
 
-/// A picture's value as 8 bits show it: limited to \[0, 1\] and rounded to the nearest of 256
-/// steps.
+/// A picture's value in 8 bits: clamped to \[0, 1\] and rounded to the nearest of 256 steps.
 pub fn quantize(value: f32) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }

@@ -23,7 +23,7 @@ impl Bounds {
     /// Empty box.
     pub const NOTHING: Self = Self { low: [f32::INFINITY; 3], high: [f32::NEG_INFINITY; 3] };
 
-    /// The box that also holds `point`; coordinates that are not finite are ignored.
+    /// The box extended to `point`; coordinates that are not finite are ignored.
     pub fn with(mut self, point: [f32; 3]) -> Self {
         for axis in 0..3 {
             if point[axis].is_finite() {
@@ -88,6 +88,6 @@ mod tests {
     fn nonfinite_points_have_a_code() {
         let bounds = Bounds::NOTHING.with([2.0, f32::NAN, 0.0]).with([2.0, 5.0, f32::INFINITY]);
         assert_eq!(bounds.code([2.0, 5.0, 0.0]), 0, "a flat box has one cell");
-        assert_eq!(bounds.code([f32::NAN; 3]), 0, "not a number comes first");
+        assert_eq!(bounds.code([f32::NAN; 3]), 0, "NaN comes first");
     }
 }

@@ -1,10 +1,10 @@
-//! Near field of a scene: a mesh of its own surface, which reflected rays may hit before they reach
-//! the far light.
+//! Near field of a scene: a mesh of its own surface, which reflected rays may hit before the
+//! distant light.
 //!
 //! A pixel that shows the point x with the normal n reflects its view direction to r. If the ray
 //! from x + o n along r hits no triangle, it sees the far light: L = L_s(r, ρ). If it hits one, it
 //! sees that surface: its base colour b, tint s, roughness ρ_h and normal n_h under the far light
-//! along the ray mirrored once more,
+//! along the ray, mirrored again,
 //!
 //! ```text
 //! L = (1 − w) L_s(r, ρ) + w (b + s ⊙ L_s(r − 2 (r·n_h) n_h, ρ′)),    ρ′⁴ = ρ⁴ + ρ_h⁴
@@ -13,13 +13,13 @@
 //! since α = ρ² and the variances of two lobes add. A single ray represents the lobe of a mirror,
 //! not that of a rough surface, so w falls from one to zero with ρ ([`share_of_near`]).
 //! [`Reflection`] holds the second lookup with its summand and factors. Gradients flow through the
-//! lookups, not through the place of a hit.
+//! lookups, not through the hit point.
 //!
-//! Triangles are found by a hierarchy of boxes in depth-first order. A node names the node after
-//! its descendants, so that a traversal needs no stack, and the order of tests, and with it the
-//! result, is the same everywhere. The numbers of a [`NearField`] are [`NODE_LEN`] for each node,
+//! Triangles are found by a hierarchy of boxes in depth-first order. A node contains the index of
+//! the node after its descendants, so a traversal needs no stack, and the order of tests and the
+//! result are the same everywhere. The numbers of a [`NearField`] are [`NODE_LEN`] for each node,
 //! [`TRIANGLE_LEN`] for each triangle and [`VERTEX_LEN`] for each vertex, one list after the other;
-//! indices are whole numbers below [`INDEX_MAX`], which an `f32` holds exactly.
+//! indices are whole numbers below [`INDEX_MAX`], which an `f32` represents exactly.
 
 use crate::{
     camera::CameraOf,
@@ -42,8 +42,8 @@ pub const VERTEX_LEN: usize = 16;
 pub const VERTEX_NORMAL: usize = 3;
 /// First number of a vertex's base colour.
 pub const VERTEX_BASE: usize = 6;
-/// First number of a vertex's diffuse albedo times its ambient transfer: of a physical material, to
-/// find its base colour under another light; zero without materials.
+/// First number of a vertex's diffuse albedo times its ambient transfer: of a physical material,
+/// for its base colour under another light; zero without materials.
 pub const VERTEX_ALBEDO: usize = 13;
 /// Largest albedo of a vertex: 1, and the rounding of means.
 const ALBEDO_MAX: f32 = 1.001;
@@ -60,12 +60,12 @@ pub const NEAR_ROUGHNESS_START: f32 = 0.25;
 pub const NEAR_ROUGHNESS_END: f32 = 0.5;
 
 /// Depth below the plane of a triangle, in offsets of the near field, from which a shadow ray is
-/// blocked by its back: a start on the surface is off by one offset at most, and so is the
+/// blocked by its back: a start on the surface has an error of at most one offset, and so has the
 /// triangle.
 pub const BACK_DEPTH: f32 = 2.0;
 
-/// Distance below the start of shadow rays within which their own surface lies, in offsets: one
-/// offset was added, and a pixel's depth and the triangles differ by as much.
+/// Maximum distance from the start of shadow rays to their own surface, in offsets: one offset was
+/// added, and a pixel's depth and the triangles differ by up to one more.
 pub const BELOW: f32 = 4.0;
 
 /// Back depth of rays that hit only the fronts of triangles.
@@ -75,10 +75,10 @@ pub const CULL_BACKFACES: f32 = -1.0;
 const EDGE: f32 = 1e-5;
 /// Relative enlargement of boxes for rays, more than rounding shrinks them.
 const BOX_MARGIN: f32 = 2e-6;
-/// Components of a direction below this count as this large: 1 / 0 times 0 is not a number.
+/// Smallest magnitude of a direction's component: 1 / 0 times 0 is not a number.
 const SLOPE_MIN: f32 = 1e-18;
 
-/// Surface of a scene for reflected rays; `A` is where its numbers are kept.
+/// Surface of a scene for reflected rays; `A` is the storage of its numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearField<A> {
     /// Number of nodes.
@@ -94,7 +94,7 @@ pub struct NearField<A> {
 }
 
 impl<A> NearField<A> {
-    /// The same surface with its numbers elsewhere.
+    /// The same surface with other storage.
     pub fn with_values<B>(&self, values: B) -> NearField<B> {
         NearField::of_sizes(self.sizes(), self.offset, values)
     }
@@ -120,10 +120,10 @@ impl<A> NearField<A> {
     }
 }
 
-/// Rays whose cost is counted.
+/// Number of rays for estimating the cost.
 const COST_RAYS: usize = 64;
 /// Largest mean number of boxes and triangles that a ray is tested against. A scene of 400 000
-/// triangles takes some hundreds.
+/// triangles has a few hundred.
 const COST_MAX: usize = 4096;
 
 /// Fault of a near field.
@@ -131,11 +131,11 @@ const COST_MAX: usize = 4096;
 pub enum NearFieldError {
     /// There are no triangles, or more nodes, triangles or vertices than can be counted.
     Size,
-    /// There are more or fewer numbers than the sizes say.
+    /// The number of values does not match the sizes.
     Length {
-        /// Numbers that the sizes say.
+        /// Expected number of values.
         expected: usize,
-        /// Numbers that are there.
+        /// Number of values.
         found: usize,
     },
     /// A number is not finite, or the offset is negative.
@@ -166,12 +166,15 @@ impl core::fmt::Display for NearFieldError {
     fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Size => write!(out, "it has no triangles, or {INDEX_MAX} or more nodes, triangles or vertices"),
-            Self::Length { expected, found } => write!(out, "it has {found} numbers rather than {expected}"),
+            Self::Length { expected, found } => write!(out, "it has {found} numbers instead of {expected}"),
             Self::NotFinite => write!(out, "a number is not finite, or rays would start below the surface"),
             Self::Node { index } => write!(out, "node {index} does not belong to a hierarchy in depth-first order"),
-            Self::Triangle { index } => write!(out, "triangle {index} has a vertex that is not there"),
+            Self::Triangle { index } => write!(out, "triangle {index} has a vertex that does not exist"),
             Self::Overlap { cost } => {
-                write!(out, "its boxes overlap: a ray would be tested against {cost} of them, {COST_MAX} at most")
+                write!(
+                    out,
+                    "its boxes overlap: a ray would be tested against {cost} of them, above the limit of {COST_MAX}"
+                )
             }
             Self::Albedo { index } => write!(out, "vertex {index} has an albedo that is not from 0 to 1"),
         }
@@ -240,8 +243,7 @@ impl<A: AsMut<[f32]>> NearField<A> {
 }
 
 impl<A: AsRef<[f32]>> NearField<A> {
-    /// Checks that a traversal ends, in a time that its boxes bound, and reads only existing
-    /// numbers.
+    /// Checks that a traversal ends within a bounded time and reads only existing numbers.
     ///
     /// # Errors
     ///
@@ -261,7 +263,7 @@ impl<A: AsRef<[f32]>> NearField<A> {
         let mut next = 0;
         for index in 0..node_count {
             let [first, count] = self.range(index).ok_or(NearFieldError::Node { index })?;
-            // Leaves have the triangles in their order, so that none is tested twice.
+            // Leaves contain the triangles in order, so none is tested twice.
             let is_whole = match count {
                 0 => index < first && first <= node_count,
                 _ => first == next && first + count <= triangle_count,
@@ -381,8 +383,8 @@ impl<A: AsRef<[f32]>> NearField<A> {
     }
 
     /// Tests whether a ray hits a triangle within a distance, in lengths of its direction: its
-    /// front, or its back from at least [`BACK_DEPTH`] offsets below it. Undersides that no camera
-    /// saw have no triangles, so the surfaces above them block light with their backs.
+    /// front, or its back from at least [`BACK_DEPTH`] offsets below it. Unseen undersides have no
+    /// triangles, so the surfaces above them block light with their backs.
     pub fn is_blocked<R: Real<Mask = bool>>(&self, origin: Vec3<R>, direction: Vec3<R>, reach: R) -> bool {
         self.are_blocked(origin, direction, reach)
     }
@@ -426,8 +428,8 @@ impl<A: AsRef<[f32]>> NearField<A> {
     /// Finds the triangles that rays hit within `reach`, their backs from `back_depth` on. Calls
     /// `meet(mask, triangle, crossing)` for each in turn; it returns the new reach of the rays.
     ///
-    /// Rays side by side open the boxes that any of them hits; each has the same hits as on its
-    /// own.
+    /// Rays side by side open the boxes that any of them hits; each has the same hits as when
+    /// traced separately.
     #[inline(always)]
     fn traverse<R: Real<Mask: AnyLane>>(
         &self,
@@ -493,9 +495,8 @@ pub fn inverse_direction<R: Real>(direction: Vec3<R>) -> Vec3<R> {
     each!(direction, x => R::select(x.abs().less(x.constant(SLOPE_MIN)), x.constant(SLOPE_MIN), x).recip())
 }
 
-/// Distances at which a ray enters and leaves a box, the first zero inside of it; in this order
-/// where the ray hits the box (slabs; Kay and Kajiya 1986). `inverse` is that of
-/// [`inverse_direction`].
+/// Distances at which a ray enters and leaves a box, the first zero inside of it; in this order if
+/// the ray hits the box (slabs; Kay and Kajiya 1986). `inverse` is that of [`inverse_direction`].
 #[inline(always)]
 pub fn box_span<R: Real>(min: Vec3<R>, max: Vec3<R>, origin: Vec3<R>, inverse: Vec3<R>) -> [R; 2] {
     let (to_min, to_max) = ((min - origin).times(inverse), (max - origin).times(inverse));
@@ -504,7 +505,7 @@ pub fn box_span<R: Real>(min: Vec3<R>, max: Vec3<R>, origin: Vec3<R>, inverse: V
     [enter.max(enter.zero()), leave * (1.0 + BOX_MARGIN)]
 }
 
-/// Place at which a ray hits a triangle.
+/// Point at which a ray hits a triangle.
 #[derive(Clone, Copy, Debug)]
 pub struct Crossing<R> {
     /// Distance along the ray, in lengths of its direction; [`T_MISS`] if the ray misses the
@@ -584,19 +585,19 @@ pub fn ray_origin<R: Real>(camera: &CameraOf<R>, pixel: &Pixel<R>, depth: R, vie
     camera.position.add_scaled(-distance, view_dir).add_scaled(offset, pixel_normal(pixel, view_dir))
 }
 
-/// Light that a pixel reflects, L = base + far L_s(r, ρ) + tint ⊙ L_s(direction, roughness): the
-/// far light, and the surface that its ray hits.
+/// Reflected light of a pixel, L = base + far L_s(r, ρ) + tint ⊙ L_s(direction, roughness): the far
+/// light, and the surface that its ray hits.
 #[derive(Clone, Copy, Debug)]
 pub struct Reflection<R> {
     /// Light of the surface that the ray hits; zero for rays that hit none.
     pub base: Vec3<R>,
-    /// Share of the far light that this surface reflects; zero where there is none.
+    /// Share of the far light that this surface reflects; zero without a surface.
     pub tint: Vec3<R>,
     /// Direction in which this surface looks up the far light.
     pub direction: Vec3<R>,
     /// Roughness of that lookup.
     pub roughness: R,
-    /// Share of the pixel's own far light: 1 where the ray hits nothing.
+    /// Share of the pixel's own far light: 1 if the ray hits nothing.
     pub far: R,
 }
 
@@ -658,7 +659,7 @@ impl<R: Real> Reflection<R> {
         self.base + own * self.far + self.tint.times(second)
     }
 
-    /// The part of [`Reflection::light`] that comes from the surface that the ray hits.
+    /// Part of [`Reflection::light`] from the hit surface.
     #[inline(always)]
     pub fn indirect(&self, second: Vec3<R>) -> Vec3<R> {
         self.base + self.tint.times(second)
@@ -680,7 +681,7 @@ pub fn is_traced<R: Real>(coverage: R, roughness: R) -> R::Mask {
 
 /// Weight of the surface that a single ray hits, in the reflection of a surface of some roughness:
 /// 1 for mirrors, falling smoothly to 0 between [`NEAR_ROUGHNESS_START`] and
-/// [`NEAR_ROUGHNESS_END`], since a single ray does not represent a wide lobe.
+/// [`NEAR_ROUGHNESS_END`], because a single ray does not represent a wide lobe.
 #[inline(always)]
 pub fn share_of_near<R: Real>(roughness: R) -> R {
     let x = ((roughness - NEAR_ROUGHNESS_START) / (NEAR_ROUGHNESS_END - NEAR_ROUGHNESS_START)).clamp(0.0, 1.0);

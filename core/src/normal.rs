@@ -7,7 +7,7 @@ use crate::{
     vector::{Mat3, Vec3, normalize_or, normalize_or_vjp, vec3},
 };
 
-/// Axis of a Gaussian that is taken for its normal.
+/// Axis of a Gaussian that becomes its normal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum AxisRule {
     /// The column of R that belongs to the smallest scale, as the paper says.
@@ -23,7 +23,7 @@ pub enum AxisRule {
 /// k.
 type Ranks<R> = [[R; 3]; 3];
 
-/// The axis of a Gaussian before it is turned to the viewer; of unit length, or zero for
+/// Axis of a Gaussian before it is turned to the viewer; of unit length, or zero for
 /// [`AxisRule::None`].
 ///
 /// Of equal scales, the earlier axis counts as the shorter.
@@ -78,8 +78,7 @@ fn ranks<R: Real>(scales: Vec3<R>) -> Ranks<R> {
     [first, middle, last]
 }
 
-/// Largest magnitude of the numbers of residuals: beside larger ones an axis of unit length is lost
-/// in rounding.
+/// Largest magnitude of the numbers of residuals: with larger ones a unit axis is lost in rounding.
 pub const RESIDUAL_MAX: f32 = 1e8;
 
 /// A normal that faces the viewer.
@@ -94,10 +93,9 @@ pub struct Facing<R: Real> {
     residual: Vec3<R>,
 }
 
-/// n = (v + Δn₁) where ω_o · v > 0, else −(v + Δn₂), normalised. Where the sum has no length, ± v
-/// is taken.
+/// n = (v + Δn₁) if ω_o · v > 0, else −(v + Δn₂), normalised. If the sum is zero, n is ± v.
 ///
-/// Residuals are taken within ± [`RESIDUAL_MAX`]. `negate_second` is the paper's sign of Δn₂; the
+/// Residuals are clamped to ± [`RESIDUAL_MAX`]. `negate_second` is the paper's sign of Δn₂; the
 /// authors' code computes −v + Δn₂ instead.
 #[inline(always)]
 pub fn facing<R: Real>(axis: Vec3<R>, view_dir: Vec3<R>, residuals: [Vec3<R>; 2], negate_second: bool) -> Facing<R> {
@@ -111,8 +109,8 @@ pub fn facing<R: Real>(axis: Vec3<R>, view_dir: Vec3<R>, residuals: [Vec3<R>; 2]
     Facing { normal: normalize_or(sum, fallback), residual_squared: residual.length_squared(), sum, keeps, residual }
 }
 
-/// Gradient of [`facing`]: with respect to the axis and both residuals, of which a limited number
-/// has none. The choice of side is locally constant.
+/// Gradient of [`facing`]: with respect to the axis and both residuals; clamped numbers have none.
+/// The choice of side is locally constant.
 #[inline(always)]
 pub fn facing_vjp<R: Real>(
     facing: &Facing<R>,

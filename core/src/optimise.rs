@@ -9,8 +9,8 @@ pub const BETA2: f32 = 0.999;
 /// Added to the root of the mean squared gradient (INRIA's value: practically nothing).
 pub const EPSILON: f32 = 1e-15;
 
-/// Largest magnitude of a usable gradient; larger ones count as not finite, since their squares
-/// leave the range of an `f32`.
+/// Largest magnitude of a usable gradient; larger ones count as not finite, because their squares
+/// overflow an `f32`.
 pub const GRAD_MAX: f32 = 1e18;
 
 /// Learning rate of numbers at rest: a step changes neither them nor their moments. A rate of zero
@@ -54,14 +54,15 @@ pub fn adam<R: Real>(moment: Moment<R>, grad: R, corrected_rate: R, corrected_ep
     Moment { value: moment.value - step, mean, square }
 }
 
-/// A learning rate that falls exponentially from `first` to `last` over `steps` steps, then stays.
+/// Learning rate that decays exponentially from `first` to `last` over `steps` steps, then stays
+/// constant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Schedule {
     /// Rate at the start.
     pub first: f32,
     /// Rate from the end on.
     pub last: f32,
-    /// Steps from one to the other; ignored where both are equal.
+    /// Number of steps between both rates; ignored if they are equal.
     pub steps: u32,
 }
 

@@ -1,4 +1,4 @@
-//! Order in which the splats of a pixel are blended.
+//! Order of the splats in a pixel.
 //!
 //! 3DGS sorts the splats of a tile by the depth of their means, once for all its pixels. Along the
 //! ray t d of a pixel, d = (x, y, 1) in camera space, a Gaussian with the mean μ and the covariance
@@ -8,11 +8,10 @@
 //! t* = dᵀ Σ⁻¹ μ / dᵀ Σ⁻¹ d = z u / (u² + κ |W δ|²),    u = max(1 + l·δ, 0)
 //! ```
 //!
-//! (Radl et al. 2024, StopThePop), where z is the depth of the mean and l, κ, W and δ are
-//! those of [`crate::perspective`]: its q is 1/κ − (dᵀ Σ⁻¹ μ)² / dᵀ Σ⁻¹ d, and dᵀ Σ⁻¹ μ is
-//! u / (z κ). A response that is largest behind the eye counts as at the eye, where its strength
-//! along a ray is taken. t* does not depend on the projection model: an affine splat is sorted
-//! along the ray as well.
+//! (Radl et al. 2024, StopThePop), where z is the depth of the mean and l, κ, W and δ are those of
+//! [`crate::perspective`]: its q is 1/κ − (dᵀ Σ⁻¹ μ)² / dᵀ Σ⁻¹ d, and dᵀ Σ⁻¹ μ is u / (z κ). A
+//! response with its maximum behind the eye is evaluated at the eye. t* does not depend on the
+//! projection model: an affine splat is also sorted along the ray.
 
 use crate::{
     camera::CameraOf,
@@ -36,9 +35,9 @@ pub struct ResponseDepth<R> {
 }
 
 /// Smallest squared length of a ray in standard deviations, relative to that through the mean; it
-/// keeps 0 / 0 from rays along which nothing is left of a response in 32 bits.
+/// prevents 0 / 0 along rays on which a response vanishes in 32 bits.
 const LENGTH_MIN: f32 = 1e-30;
-/// Rounding of 1 + l·δ relative to its terms, and of depths, in 32 bits, and more.
+/// Bound of the rounding of 1 + l·δ relative to its terms, and of depths, in 32 bits.
 const SCALE_MARGIN: f32 = 4e-6;
 const DEPTH_MARGIN: f32 = 2e-5;
 
@@ -58,7 +57,7 @@ pub fn response_depth<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Respon
 }
 
 impl<R: Real> ResponseDepth<R> {
-    /// t* at an offset from the image of the mean, in pixels; `f32::MAX` where it is not a number.
+    /// t* at an offset from the image of the mean, in pixels; `f32::MAX` for NaN.
     #[inline(always)]
     pub fn at(&self, [dx, dy]: [R; 2]) -> R {
         let [xx, yx, yy] = self.root;
@@ -72,8 +71,8 @@ impl<R: Real> ResponseDepth<R> {
         let scale = ray_scale.max(ray_scale.zero());
         self.depth * scale / (scale.mul_add(scale, squared) + LENGTH_MIN)
     }
-    /// Lower bound of t* in a box of offsets, its rounding to `f32` included: t* falls with |W δ|
-    /// and has no minimum between two values of u. Zero where a number is not finite.
+    /// Lower bound of t* in a box of offsets, including its rounding to `f32`: t* decreases with |W
+    /// δ| and has no minimum between two values of u. Zero if a number is not finite.
     #[inline(always)]
     pub fn least(&self, dx: [R; 2], dy: [R; 2]) -> R {
         let ([lx, ly], [xx, yx, yy]) = (self.slope, self.root);

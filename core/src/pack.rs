@@ -1,8 +1,8 @@
 //! Half precision for stored scenes: f32 to compute, f16 to store.
 //!
-//! Half storage keeps the mean and the scales of a Gaussian in full and packs its other planes two
-//! to a word. Gaussians are packed on the host, light in integers on the device, so that all
-//! devices and the CPU round alike.
+//! Half storage keeps the mean and the scales of a Gaussian in `f32` and packs pairs of its other
+//! planes into words. Gaussians are packed on the host, light in integers on the device, so all
+//! devices and the CPU round in the same way.
 
 use crate::scene::{BLOCK, Gaussians, Layout, QUAT};
 use half::f16;
@@ -17,10 +17,9 @@ pub enum Storage {
     F16,
 }
 
-/// First planes of a Gaussian that are always stored in full: its mean and its scales. At a
-/// distance of 4 from the origin halves are 2⁻⁸ apart, which is more than a pixel of most pictures;
-/// and where two scales are nearly equal, rounding makes another axis the shortest, and so another
-/// normal.
+/// First planes of a Gaussian, which are always stored as `f32`: its mean and its scales. At a
+/// distance of 4 from the origin halves are 2⁻⁸ apart, more than a pixel of most pictures; and if
+/// two scales are nearly equal, rounding can change the shortest axis and so the normal.
 pub const FULL_PLANES: usize = QUAT;
 
 impl Storage {
@@ -61,8 +60,8 @@ fn rounded(number: f32) -> f32 {
     half(number).to_f32()
 }
 
-/// Two numbers as the nearest halves in one word, the first in the low bits, as WGSL's
-/// `pack2x16float` has them.
+/// Two numbers as the nearest halves in one word, the first in the low bits, like WGSL's
+/// `pack2x16float`.
 pub fn pack2(a: f32, b: f32) -> u32 {
     u32::from(half(a).to_bits()) | u32::from(half(b).to_bits()) << 16
 }
@@ -74,8 +73,8 @@ pub fn unpack2(word: u32) -> [f32; 2] {
     [low.to_f32(), high.to_f32()]
 }
 
-/// Gaussians as halves. A block of words has the [`FULL_PLANES`] as they are, then one plane of
-/// words for two of numbers; a last odd one is paired with zeros. There are [`Storage::words`] for
+/// Gaussians as halves. A block of words has the unchanged [`FULL_PLANES`], then one plane of words
+/// for each pair of planes; a last odd one is paired with zeros. There are [`Storage::words`] for
 /// each Gaussian of each block.
 pub fn pack<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, words: &mut [u32]) {
     let words_of_block = BLOCK * Storage::F16.words(gaussians.layout);
@@ -93,7 +92,7 @@ pub fn pack<A: AsRef<[f32]>>(gaussians: &Gaussians<A>, words: &mut [u32]) {
     }
 }
 
-/// Numbers that [`unpack`] makes of this many words.
+/// Number of values that [`unpack`] makes of this many words.
 pub const fn unpacked_len(words: usize, layout: Layout) -> usize {
     words / Storage::F16.words(layout) * layout.plane_count()
 }

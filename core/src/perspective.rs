@@ -10,15 +10,16 @@
 //! ```
 //!
 //! where d is the ray, d₀ that through the mean, and W the root of the conic of the affine
-//! projection, taken at the mean however far off the axis it lies. It follows from q = |(μ × d)|²_Σ
-//! / |d|²_adj Σ (the cofactors of Cauchy and Binet). The affine projection is l = 0 and κ = 0; the
-//! projection onto the plane that touches the unit sphere where the mean is seen is κ = 0 and l·δ =
-//! d₀·(d − d₀) / |d₀|². So the error of each is known: to first order an alpha is off by no more
-//! than opacity · (1.16 |W⁻ᵀ l| + 1.08 κ), the largest values of r³ exp(−½ r²) and of ½ r⁴ exp(−½
-//! r²).
+//! projection, evaluated at the mean, however far off the axis it is. It follows from q = |(μ ×
+//! d)|²_Σ / |d|²_adj Σ (the cofactors of Cauchy and Binet). The affine projection is l = 0 and κ =
+//! 0; the projection onto the plane that touches the unit sphere in the direction of the mean is κ
+//! = 0 and l·δ = d₀·(d − d₀) / |d₀|². So the error of each is known: to first order the error of
+//! alpha is at most opacity · (1.16 |W⁻ᵀ l| + 1.08 κ), the largest values of r³ exp(−½ r²) and of ½
+//! r⁴ exp(−½ r²).
 //!
 //! Σ holds the low-pass ([`crate::antialias::LowPass`]), in the plane of the screen at the mean's
-//! depth; its compensation is that of the affine projection at the mean, and so in the opacity.
+//! depth; its compensation is that of the affine projection at the mean, and is included in the
+//! opacity.
 
 use crate::{
     blend::least_squared,
@@ -49,7 +50,7 @@ const OFF_BY_CURVATURE: f32 = 1.082_7;
 /// footprint counts as unbounded.
 const ELLIPSE_MAX: f32 = 0.99;
 
-/// The perspective of a Gaussian's splat, as a projection has it.
+/// Perspective of a Gaussian's splat under a projection model.
 #[inline(always)]
 pub fn perspective<R: Real>(
     projection: ProjectionModel,
@@ -134,7 +135,7 @@ fn along_ray<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Perspective<R> 
 
 /// A Gaussian's axes, each as long as its scale, in pixels at its mean.
 struct Axes<R> {
-    /// In units that leave none longer than about one.
+    /// Axes in units in which none is longer than about one.
     axes: [Vec3<R>; 3],
     /// A pixel in these units.
     unit: R,
@@ -157,7 +158,7 @@ fn axes_in_pixels<R: Real>(shape: &Shape<R>, depth: R, camera: &CameraOf<R>) -> 
     Axes { axes: [axes[0] * unit, axes[1] * unit, axes[2] * unit], unit }
 }
 
-/// A vector of camera space in pixels at a depth; along the axis as many of them as across.
+/// Vector of camera space in pixels at a depth, with the same scale along the axis as across.
 #[inline(always)]
 fn in_pixels<R: Real>(v: Vec3<R>, depth: R, camera: &CameraOf<R>) -> Vec3<R> {
     let [fx, fy] = camera.focal_px;

@@ -11,14 +11,14 @@
 //!
 //! with the premultiplied sums A of coverage, D of diffuse albedos times ambient transfers, F of
 //! reflectances and P of roughness, the irradiance E along the unit normal n, and the table (F_x,
-//! F_y) of [`mod@crate::split_sum`] at n·v and P/A. Light reaches such a surface in an absolute
-//! scale: a dielectric reflects 4 % of it. The factor 1 − 0.04 F_x − F_y leaves to the diffuse
-//! layer the light that a dielectric's surface does not reflect: nothing reflects more than it
-//! receives, and a white dielectric reflects all of it.
+//! F_y) of [`mod@crate::split_sum`] at n·v and P/A. The scale of the light is absolute: a
+//! dielectric reflects 4 % of it. The factor 1 − 0.04 F_x − F_y is the light that a dielectric's
+//! surface transmits to the diffuse layer: no surface reflects more than it receives, and a white
+//! dielectric reflects all of it.
 //!
-//! The ambient transfer of a Gaussian is the share of the irradiance along its normal that reaches
-//! it past other surfaces, plus the light that those reflect: 1 without occlusion. It is not
-//! optimised; rays against the scene's surface determine it.
+//! The ambient transfer of a Gaussian is the unoccluded share of the irradiance along its normal,
+//! plus the light reflected by other surfaces: 1 without occlusion. It is not optimised; rays
+//! against the scene's surface determine it.
 
 use crate::{
     color::{srgb_color, srgb_color_vjp},
@@ -32,7 +32,7 @@ use crate::{
 pub const DIELECTRIC: f32 = 0.04;
 
 /// Shares of the specular colour in all light that leaves a Gaussian, between which [`metal_share`]
-/// rises from 0 to 1. Below 1, since uniform light makes a part of each metal look diffuse.
+/// rises from 0 to 1. Below 1, because uniform light makes a part of each metal look diffuse.
 const SPECULAR_SHARES: [f32; 2] = [0.12, 0.3];
 
 /// Reflectances between which [`metal_share`] rises: no metal is nearly black.
@@ -46,7 +46,7 @@ const NO_LIGHT: f32 = 1e-6;
 /// Metals have no diffuse colour, and are no darker than a few tenths. With a specular tint S and a
 /// diffuse colour D, both linear and means over red, green and blue, under a light of mean radiance
 /// L̄, the share is smoothstep of S L̄ / (S L̄ + D) from 0.12 to 0.3, times that of S + D / L̄ from
-/// 0.1 to 0.3: in the same scale whatever the brightness of the light. 0 without light.
+/// 0.1 to 0.3: independent of the brightness of the light. 0 without light.
 #[inline(always)]
 pub fn metal_share<R: Real>(tint: Vec3<R>, diffuse: Vec3<R>, mean_light: R) -> R {
     let specular = tint.sum() * mean_light * (1.0 / 3.0);
@@ -82,7 +82,7 @@ pub fn reflectances_vjp<R: Real>(albedo: Vec3<R>, metalness: R, [diffuse, f0]: [
 pub struct PixelFacing<R> {
     /// Unit normal.
     pub normal: Vec3<R>,
-    /// n·v, kept at least [`N_DOT_V_MIN`].
+    /// n·v, at least [`N_DOT_V_MIN`].
     pub n_dot_v: R,
 }
 
@@ -100,7 +100,7 @@ pub fn pixel_facing_vjp<R: Real>(pixel: &Pixel<R>, view_dir: Vec3<R>, grad: &Pix
     normalize_or_vjp(pixel.normal, grad.normal.add_scaled(grad.n_dot_v.keep(is_open), view_dir))
 }
 
-/// Light that reaches a pixel's surface. Also the shape of its gradient.
+/// Incident light of a pixel's surface. Also the shape of its gradient.
 #[derive(Clone, Copy, Debug)]
 pub struct PixelLight<R> {
     /// Prefiltered radiance along the reflected direction.
@@ -126,8 +126,8 @@ pub fn pixel_color<R: Real>(surface: &PixelSurface<R>, light: &PixelLight<R>, co
     srgb_color(diffuse + specular) * coverage
 }
 
-/// Gradient of [`pixel_color`]: with respect to the surface, whose roughness and reflection it does
-/// not depend on; to the light; to the coverage.
+/// Gradient of [`pixel_color`]: with respect to the surface (it does not depend on roughness and
+/// reflection), the light and the coverage.
 #[inline(always)]
 pub fn pixel_color_vjp<R: Real>(
     surface: &PixelSurface<R>,

@@ -1,11 +1,10 @@
-//! Rendering plan: the terms that a scene and a request need. Leaving out the others changes no bit
-//! of a picture.
+//! Rendering plan: the terms that a scene and a request need. Omitting the others changes no bit of
+//! a picture.
 //!
 //! [`Needs`] inspects every Gaussian and texel once. [`Plan`] removes from the requested rules
 //! everything that the scene does not need: zero bands of harmonics, zero normal residuals, a light
 //! that is black or lost in rounding (d + s L is d for s L / d < 2⁻²⁶), and light levels that no
-//! roughness comes near. `Plan::full` is rendered beside it for verification. Training omits
-//! nothing.
+//! roughness uses. `Plan::full` is rendered for verification. Training omits nothing.
 
 use crate::{
     activation::sigmoid,
@@ -17,11 +16,11 @@ use crate::{
     shade::ShadingForm,
 };
 
-/// Upper bounds of the terms that the Gaussians of a scene and their light use. Gaussians that are
-/// too faint to be drawn do not count; NaN counts as infinite, so it is never omitted.
+/// Upper bounds of the terms of a scene's Gaussians and light. Gaussians that are too faint to be
+/// drawn are ignored; NaN counts as infinite, so it is never omitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Needs {
-    /// Largest opacity · tint of any Gaussian: how much specular light can matter.
+    /// Largest opacity · tint of any Gaussian: a bound of the effect of specular light.
     pub specular: f32,
     /// Largest tint of any Gaussian as a multiple of its diffuse colour, red, green or blue.
     pub tint_to_diffuse: f32,
@@ -38,7 +37,7 @@ pub struct Needs {
     pub is_finite: bool,
 }
 
-/// Gaussians of less opacity are never drawn, however their opacity is rounded on the way.
+/// Opacity below which Gaussians are never drawn, whatever the rounding.
 const FAINT: f32 = 0.5 * ALPHA_MIN;
 /// Diffuse colours below this count as black: their products with blending weights, at least 4e-7,
 /// stay normal numbers.
@@ -124,13 +123,13 @@ impl Needs {
     }
 }
 
-/// Radiance that a number may have on any executor: zero only where it is zero on all of them.
+/// Upper bound of a number's radiance on any executor: zero only if it is zero on all of them.
 fn radiance_bound(activation: RadianceActivation, number: f32) -> f32 {
     match activation {
         RadianceActivation::Exponential if number < EXPONENT_OF_ZERO => 0.0,
         RadianceActivation::Exponential => radiance(activation, number).max(f32::MIN_POSITIVE),
         RadianceActivation::Identity => number,
-        // A weight says nothing about the radiance of any level.
+        // A weight does not bound the radiance of any level.
         RadianceActivation::Network => f32::INFINITY,
     }
 }
@@ -144,7 +143,7 @@ fn largest(numbers: &[f32]) -> f32 {
     numbers.iter().fold(0.0, |max, x| larger(max, *x))
 }
 
-/// Reason for which a picture needs no light.
+/// Reason why a picture needs no light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Unlit {
     /// No shaded Gaussian is drawn.
@@ -155,7 +154,7 @@ pub enum Unlit {
     LostInRounding,
 }
 
-/// Reduced rendering rules of a scene, beside the full ones.
+/// Reduced and full rendering rules of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plan {
     /// Rules with unused terms removed.
@@ -166,19 +165,19 @@ pub struct Plan {
     pub unlit: Option<Unlit>,
 }
 
-/// Light that adds less than this share of the diffuse colour is lost when it is added: half a unit
-/// in the last place is 2⁻²⁵ of a number at least, and half of that is left for the roundings of
-/// sums and of the light.
+/// Light below this share of the diffuse colour is lost in the addition: half a unit in the last
+/// place is at least 2⁻²⁵ of a number, and half of that is reserved for the rounding of sums and of
+/// the light.
 const LOST_IN_ROUNDING: f32 = 1.490_116_1e-8; // 2^-26
 
 impl Plan {
-    /// Plans the rendering of a scene of this layout by the rules `asked`, with its light filtered
-    /// into `levels`.
+    /// Plans the rendering of a scene with this layout by the requested rules `asked`, with its
+    /// light filtered into `levels`.
     ///
-    /// Levels that no roughness of the scene comes near are omitted, but one more is kept on either
-    /// side: the roughness of a pixel is a mean, which rounding may carry over the border of a
-    /// level. Nothing is omitted if a number of a Gaussian is not finite: its attribute has to be
-    /// read to cull it.
+    /// Levels that no roughness of the scene uses are omitted, except one more on either side: the
+    /// roughness of a pixel is a mean, which rounding may move across the border of a level.
+    /// Nothing is omitted if a number of a Gaussian is not finite: its attribute must be read to
+    /// cull it.
     pub fn new(layout: Layout, needs: &Needs, levels: Option<&Levels>, asked: &RenderRules) -> Self {
         if !needs.is_finite {
             return Self { rules: *asked, full: in_full(asked), unlit: None };
@@ -197,9 +196,9 @@ impl Plan {
         Self { rules, full: in_full(asked), unlit }
     }
 
-    /// Adapts the plan to reflected rays that are traced against a near field, or to none. A mirror
-    /// that reflects a rougher surface looks light up at the roughness of both together, up to the
-    /// last level ([`crate::near_field`]).
+    /// Adapts the plan to reflected rays against a near field, or to none. A mirror that reflects a
+    /// rougher surface looks light up at the combined roughness, up to the last level
+    /// ([`crate::near_field`]).
     #[must_use]
     pub fn tracing(mut self, traces_near: bool) -> Self {
         self.rules.traces_near = traces_near;
@@ -223,7 +222,7 @@ impl Plan {
     }
 }
 
-/// Levels that pixels look up; for physical materials also the last, which holds the irradiance.
+/// Levels that pixels look up; for physical materials also the last, the irradiance.
 fn read_levels(needs: &Needs, levels: &Levels, form: ShadingForm) -> LevelRange {
     let read = needs.levels(levels).and_neighbours();
     if form == ShadingForm::Physical { LevelRange { end: LevelRange::ALL.end, ..read } } else { read }
@@ -249,9 +248,9 @@ fn unlit(layout: Layout, needs: &Needs, rules: &RenderRules) -> Option<Unlit> {
     }
 }
 
-/// Tests whether d + s L is d to the last bit for every diffuse colour d, tint s and light L. It is
-/// not in the authors' form, which also reflects without a tint; with light per pixel and
-/// residuals, which may cancel the diffuse colour; or in layers, which show the light.
+/// Tests whether d + s L is d to the last bit for every diffuse colour d, tint s and light L. It
+/// returns false for the authors' form, which also reflects without a tint; for light per pixel
+/// with residuals, which may cancel the diffuse colour; and for layers, which show the light.
 fn is_lost_in_rounding(needs: &Needs, rules: &RenderRules) -> bool {
     let is_added_to_diffuse = match rules.shading.form {
         ShadingForm::Paper => true,

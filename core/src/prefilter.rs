@@ -1,10 +1,10 @@
-//! Light into roughness levels (paper, eq. L_s): the levels, and the texels that each of their
-//! texels sees.
+//! Light into roughness levels (paper, eq. L_s): the levels, and the source texels of each of their
+//! texels.
 //!
 //! A level is a linear map of the base: y_i = Σ_j A_ij x_j with Σ_j A_ij = 1. The light is kept as
 //! a pyramid of means over 2×2 texels, weighted by their solid angles, and a row of A is a *cut*
-//! through that pyramid: a node is taken whole where the lobe hardly changes across it, and opened
-//! elsewhere. Far tails of a lobe thus cost little.
+//! through that pyramid: a node is used whole if the lobe hardly changes across it, and opened
+//! otherwise. So the far tails of a lobe cost little.
 
 use crate::{
     cubemap,
@@ -14,7 +14,7 @@ use crate::{
     vector::{Vec3, vec3},
 };
 
-/// Most levels that any scheme has.
+/// Maximum number of levels of any scheme.
 pub const MAX_LEVELS: usize = 10;
 
 /// Prefilter scheme: levels, lobes and weights.
@@ -22,12 +22,12 @@ pub const MAX_LEVELS: usize = 10;
 pub enum PrefilterScheme {
     /// Exact solid angles, lobes cut by their energy, ten levels.
     Exact,
-    /// The authors' code (nvdiffrec's): its levels, its texel weights, its lobe cut short.
+    /// The authors' code (nvdiffrec's): its levels, its texel weights, its truncated lobe.
     Official,
 }
 
 impl PrefilterScheme {
-    /// The least resolution of a base that can be filtered, a power of two like all others.
+    /// Smallest resolution of a base that can be filtered, a power of two like all others.
     pub const fn resolution_min(self) -> usize {
         match self {
             Self::Exact => RESOLUTION_MIN,
@@ -46,7 +46,7 @@ impl PrefilterScheme {
 pub struct LevelRange {
     /// The first of them.
     pub first: usize,
-    /// The one behind the last.
+    /// The one after the last.
     pub end: usize,
 }
 
@@ -60,7 +60,7 @@ impl LevelRange {
     pub const fn contains(self, level: usize) -> bool {
         self.first <= level && level < self.end
     }
-    /// This range, with one more level to either side.
+    /// This range with one more level on either side.
     pub const fn and_neighbours(self) -> Self {
         Self { first: self.first.saturating_sub(1), end: self.end + 1 }
     }
@@ -82,11 +82,11 @@ pub struct Levels {
     count: usize,
 }
 
-/// Roughness of our levels: each about a third more than the one before, so that a linear blend of
-/// two neighbours stays close, from a lobe that is lost in a texel of a 64² map on. Chosen by
-/// measurement (docs/lab/performance.md, The prefilter).
+/// Roughness of specula's levels: each about a third more than the one before, so a linear blend of
+/// two neighbours is accurate; the first lobe is within a texel of a 64² map. Chosen by measurement
+/// (docs/lab/performance.md, The prefilter).
 const ROUGHNESS: [f32; MAX_LEVELS] = [0.0, 0.07, 0.125, 0.17, 0.23, 0.3, 0.4, 0.55, 0.75, 1.0];
-/// No level is coarser than this.
+/// Coarsest resolution of a level.
 const RESOLUTION_MIN: usize = 16;
 /// The largest resolution of a base, up to which the index of each texel is an exact `f32`
 /// ([`crate::cubemap::footprint`]).
@@ -123,8 +123,9 @@ impl Levels {
         }
     }
 
-    /// Creates given levels, sharpest first. None unless there are two to [`MAX_LEVELS`], their
-    /// roughness grows within \[0, 1\], and their resolutions are powers of two that do not.
+    /// Creates given levels, sharpest first. `None` unless there are two to [`MAX_LEVELS`], their
+    /// roughness increases within \[0, 1\], and their resolutions are powers of two that do not
+    /// increase.
     pub fn of(levels: &[Level]) -> Option<Self> {
         let is_level = |level: &Level| (0.0..=1.0).contains(&level.roughness) && level.resolution.is_power_of_two();
         let is_in_order =
@@ -140,7 +141,7 @@ impl Levels {
     }
 
     /// Creates a mip chain of `count` levels, each half as wide as the one before. `None` if
-    /// [`Levels::of`] gives none, or if a level would have no texel.
+    /// [`Levels::of`] returns `None`, or if a level would have no texel.
     pub fn mips(roughness: MipRoughness, resolution: usize, count: usize) -> Option<Self> {
         let mut levels = [Level { roughness: 0.0, resolution }; MAX_LEVELS];
         let levels = levels.get_mut(..count)?;
@@ -150,8 +151,8 @@ impl Levels {
         Self::of(levels)
     }
 
-    /// Texels as wide as the lobe: the resolution halves each time that α_ggx doubles, from α =
-    /// 0.95 / resolution.
+    /// Texels as wide as the lobe: the resolution halves whenever α_ggx doubles, from α = 0.95 /
+    /// resolution.
     fn exact(resolution: usize) -> Self {
         let resolve = |roughness: f32| {
             let mut size = resolution;
@@ -207,19 +208,19 @@ pub fn level_of_roughness_vjp<R: Real>(roughness: R, levels: &[Level], grad: R) 
     grad * slope
 }
 
-/// Largest width of a pyramid node that is taken whole, as a share of the lobe's scale at its
-/// distance. Narrow lobes have many rows and cover little of each node, so a coarse cut suffices;
-/// wide lobes have few rows and get a fine one.
+/// Largest width of a pyramid node that is used whole, as a share of the lobe's scale at its
+/// distance. Narrow lobes have many rows and cover little of each node, so a coarse cut is enough;
+/// wide lobes have few rows and a fine cut.
 const OPENING: [f64; 2] = [1.4, 0.5];
 /// Lobes with a larger α count as wide.
 const WIDE_ALPHA: f64 = 0.05;
-/// Wide lobes take no node that is wider than this, in radians.
+/// Largest node of wide lobes, in radians.
 const NODE_WIDTH_MAX: f64 = 0.2;
-/// The share of a lobe inside its cut. The rest is spread so thin that it moves the mean by a
-/// thousandth, and would make half of a narrow lobe's weights.
+/// Share of a lobe inside its cut. The rest changes the mean by a thousandth, but would be half of
+/// a narrow lobe's weights.
 pub const ENERGY_KEPT: f64 = 0.995;
 
-/// A lobe around a direction: the nodes of the light's pyramid that it sees, and their weights.
+/// Lobe around a direction: its nodes in the light's pyramid, and their weights.
 #[derive(Clone, Copy, Debug)]
 pub struct Lobe {
     reflection_dir: Vec3<Double>,
@@ -238,16 +239,16 @@ impl Lobe {
         Self { reflection_dir, alpha_ggx, cut }
     }
 
-    /// Whether any of a node of this resolution, with its centre at `node_dir`, lies inside the
+    /// True if any part of a node of this resolution, with its centre at `node_dir`, is inside the
     /// cut.
     pub fn sees(&self, node_dir: Vec3<Double>, resolution: usize) -> bool {
         // Half the diagonal of a node is √2 / resolution at most.
         self.distance(node_dir) <= self.cut + core::f64::consts::SQRT_2 / resolution as f64
     }
 
-    /// Whether the lobe changes across a node so much that it must be opened.
+    /// True if the lobe changes so much across a node that it must be opened.
     ///
-    /// K falls off on the scale of θ + 2α at the angle θ; the node is opened where its width, π / 2
+    /// K falls off on the scale of θ + 2α at the angle θ; the node is opened if its width, π / 2
     /// over its resolution, exceeds a share of that.
     pub fn must_open(&self, node_dir: Vec3<Double>, resolution: usize) -> bool {
         let width = core::f64::consts::FRAC_PI_2 / resolution as f64;

@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// Largest standard deviation along a Gaussian's axes on the screen, in px: longer ones look the
-/// same in any picture, and the determinant of such a splat is still an `f32`.
+/// same in any picture, and the determinant of such a splat does not overflow.
 pub const EXTENT_MAX: f32 = 1e9;
 
 /// Attributes of a Gaussian that determine its splat.
@@ -54,7 +54,7 @@ impl<R: Real> Shape<R> {
         };
         (scales_vjp(self.log_scales, scales, grad_scales), sigmoid_vjp(opacity, grad_opacity))
     }
-    /// Mask of Gaussians whose numbers are all finite: no others are drawn.
+    /// Mask of Gaussians with only finite numbers; others are not drawn.
     #[inline(always)]
     pub fn is_finite(&self) -> R::Mask {
         let [w, x, y, z] = self.quat;
@@ -151,7 +151,7 @@ impl<R: Real> Compensation<R> {
 /// cov2d = V Vᵀ + b I with b of the [`LowPass`] and V = J · R_camera · R · S. Its determinant comes
 /// from the two rows of V by Cauchy and Binet, |v₁ × v₂|² + b(|v₁|² + |v₂|²) + b²: every term is
 /// positive, so needles of 10⁵ px keep their digits, as does |v₁ × v₂|², the determinant without
-/// the low-pass, by which its compensation divides.
+/// the low-pass, in the compensation.
 #[inline(always)]
 pub fn project<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Splat<R> {
     let p = projection(shape, camera);
@@ -170,8 +170,8 @@ pub fn project<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Splat<R> {
     }
 }
 
-/// Gradient of [`project`]. Beyond the slope limit the Jacobian is constant in the slope, and so is
-/// its gradient. A Gaussian that is not finite has none.
+/// Gradient of [`project`]. Beyond the slope limit the Jacobian does not depend on the slope, so
+/// its gradient is zero. A Gaussian that is not finite has none.
 #[inline(always)]
 pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &SplatGrad<R>) -> Shape<R> {
     let p = projection(shape, camera);
@@ -230,7 +230,7 @@ fn projection<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> EwaProjection<
     let mean_in_camera = camera.to_camera(shape.mean);
     let one = mean_in_camera.z.constant(1.0);
     let depth = R::select(camera.near.less(mean_in_camera.z), mean_in_camera.z, one);
-    // Depths too large for a division belong to small splats, whatever the Gaussian: scales end at
+    // Gaussians at depths too large for a division have small splats, because scales are at most
     // e⁴⁰.
     let scale = divisor_scale(depth);
     let inverse = (depth * scale).recip();
@@ -296,7 +296,7 @@ pub(crate) fn root_of_conic<R: Real>(a: R, b: R, determinant: R) -> (R, R, R) {
 }
 
 /// Gradient of both rows of the half matrix, from those of the root of the conic and of the
-/// compensated opacity; zero where they were bounded.
+/// compensated opacity; zero where they were clamped.
 ///
 /// With D₀ = |v₁ × v₂|² and D = D₀ + b(|v₁|² + |v₂|²) + b², the logarithm of the compensation has
 /// the slopes (D − D₀) / (2 D D₀) along D₀ and −b / (2 D) along |v₁|² and |v₂|².
@@ -326,7 +326,7 @@ fn half_grad<R: Real>(p: &EwaProjection<R>, [grad_xx, grad_yx, grad_yy]: [R; 3],
     ]
 }
 
-/// A row of the half matrix, its numbers no larger than [`EXTENT_MAX`]. NaN stays NaN.
+/// Row of the half matrix, clamped to ± [`EXTENT_MAX`]. NaN remains NaN.
 #[inline(always)]
 fn bounded<R: Real>(row: Vec3<R>) -> Vec3<R> {
     let most = row.x.constant(EXTENT_MAX);

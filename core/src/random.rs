@@ -1,5 +1,5 @@
 //! Random numbers from counters: (seed, stream, index) always gives the same number, on any machine
-//! and thread.
+//! and any thread.
 
 /// 64 well mixed bits of a seed and two counters (the finaliser of SplitMix64, Steele et al. 2014).
 pub const fn bits(seed: u64, stream: u64, index: u64) -> u64 {

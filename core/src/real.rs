@@ -1,4 +1,4 @@
-//! The number that formulas are written over.
+//! Number type of the formulas.
 
 use core::{
     fmt::Debug,
@@ -8,9 +8,9 @@ use core::{
 /// A real number, or several side by side: `f32`, SIMD lanes, [`crate::double::Double`],
 /// [`crate::dual::Dual`].
 ///
-/// Arithmetic also takes `f32` literals. There are no branches on values: comparisons give a mask,
-/// and [`Real::select`] chooses lane by lane. Both sides of a choice are evaluated, so both must be
-/// harmless.
+/// Arithmetic also takes `f32` literals. There are no branches on values: comparisons return a
+/// mask, and [`Real::select`] chooses lane by lane. Both sides of a choice are evaluated, so both
+/// must be harmless.
 pub trait Real:
     Copy
     + Debug
@@ -27,9 +27,9 @@ pub trait Real:
     /// The result of a comparison, lane by lane.
     type Mask: Copy + Debug + BitAnd<Output = Self::Mask> + BitOr<Output = Self::Mask> + Not<Output = Self::Mask>;
 
-    /// `value` as a number of the same kind as `self`, which is not read otherwise.
+    /// `value` as a number of the same type as `self`, which is otherwise ignored.
     fn constant(self, value: f32) -> Self;
-    /// self · factor + addend; fused where the machine does that for free.
+    /// self · factor + addend; fused if the machine supports it without cost.
     fn mul_add(self, factor: Self, addend: Self) -> Self;
     /// Square root.
     fn sqrt(self) -> Self;
@@ -50,9 +50,9 @@ pub trait Real:
     fn min(self, other: Self) -> Self;
     /// The larger of the two.
     fn max(self, other: Self) -> Self;
-    /// Mask of `self` < `other`; false where either is NaN.
+    /// Mask of `self` < `other`; false if either is NaN.
     fn less(self, other: Self) -> Self::Mask;
-    /// Mask of `self` ≤ `other`; false where either is NaN.
+    /// Mask of `self` ≤ `other`; false if either is NaN.
     fn less_or_equal(self, other: Self) -> Self::Mask;
     /// `if_true` where the mask holds, `if_false` elsewhere.
     fn select(mask: Self::Mask, if_true: Self, if_false: Self) -> Self;
@@ -72,7 +72,7 @@ pub trait Real:
     fn squared(self) -> Self {
         self * self
     }
-    /// `self`, kept in `[low, high]`.
+    /// `self` clamped to `[low, high]`.
     #[inline(always)]
     fn clamp(self, low: f32, high: f32) -> Self {
         self.max(self.constant(low)).min(self.constant(high))
@@ -82,8 +82,8 @@ pub trait Real:
     fn exp(self) -> Self {
         (self * core::f32::consts::LOG2_E).exp2()
     }
-    /// Power of e over the whole range of the numbers: for `f32` the library's, which ends in zero
-    /// and in infinity.
+    /// Power of e over the whole range of the numbers: for `f32` the library's, which underflows to
+    /// zero and overflows to infinity.
     #[inline(always)]
     fn exp_wide(self) -> Self {
         self.exp()
@@ -108,15 +108,15 @@ pub trait Real:
 /// Divisor above which it and its dividend are scaled down first; a power of two.
 const DIVISOR_LARGE: f32 = (1_u64 << 63) as f32;
 
-/// Power of two by which to multiply a positive divisor and its dividend before a division: 1 but
-/// for divisors above 2⁶³, since a GPU may divide to zero beyond 2¹²⁶.
+/// Power of two by which to multiply a positive divisor and its dividend before a division: 1
+/// except for divisors above 2⁶³, because a GPU's quotient may be zero beyond 2¹²⁶.
 #[inline(always)]
 pub(crate) fn divisor_scale<R: Real>(divisor: R) -> R {
     let is_large = divisor.constant(DIVISOR_LARGE).less(divisor);
     R::select(is_large, divisor.constant(DIVISOR_LARGE.recip()), divisor.constant(1.0))
 }
 
-/// Mask that a branch may test; the masks of formulas that are traced to kernels have no such test.
+/// Mask that a branch may test; masks of traced formulas do not support this.
 pub trait AnyLane {
     /// Whether any lane is set.
     fn any(self) -> bool;
@@ -129,8 +129,8 @@ impl AnyLane for bool {
     }
 }
 
-/// Coefficients of 2^x on [−½, ½], lowest first: the polynomial of degree 5 with the least relative
-/// error, 7.5e-8, about that of `f32` itself.
+/// Coefficients of 2^x on [−½, ½], lowest first: the polynomial of degree 5 with the smallest
+/// relative error, 7.5e-8, about that of `f32`.
 pub const EXP2_COEFFICIENTS: [f32; 6] =
     [1.000_000_1, 0.693_146_94, 0.240_221_2, 0.055_507_13, 0.009_675_541, 0.001_327_647_2];
 /// Exponents below this give denormal numbers, which cost an order of magnitude in time.
@@ -146,8 +146,7 @@ pub const ROUND_MAGIC: f32 = 12_582_912.0; // 1.5 · 2^23
 /// √2].
 pub const LOG2_COEFFICIENTS: [f32; 5] = [2.885_39, 0.961_796_7, 0.577_078, 0.412_198_6, 0.320_598_9];
 
-/// The polynomial of [`Real::exp2`], on [−½, ½]; in pairs (Estrin), so that few operations wait for
-/// each other.
+/// The polynomial of [`Real::exp2`], on [−½, ½]; in pairs (Estrin), for short dependency chains.
 #[inline(always)]
 pub fn exp2_fraction<R: Real>(x: R) -> R {
     let c = EXP2_COEFFICIENTS;

@@ -1,11 +1,11 @@
 //! Parts of space.
 //!
 //! A foreground restricts reflections to a ball. The raw tint of a Gaussian outside of it is held
-//! at −64 after each densification. σ(−64) = 1.6e-28 vanishes beside any colour, and gradients
-//! proportional to it vanish beside Adam's ε, so neither tint nor light takes a step, and no other
-//! stage needs to know.
+//! at −64 after each densification. σ(−64) = 1.6e-28 is negligible against any colour, and
+//! gradients proportional to it against Adam's ε, so neither tint nor light takes a step, and no
+//! other stage needs a special case.
 
-/// A ball in world units, its surface included.
+/// Ball in world units, including its surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ball {
     /// Its centre.
@@ -15,7 +15,7 @@ pub struct Ball {
 }
 
 impl Ball {
-    /// Whether a point lies in it: |p − c|² ≤ r². Points that are not finite lie outside.
+    /// True if a point is in the ball: |p − c|² ≤ r². Points that are not finite are outside.
     pub fn contains(&self, point: [f32; 3]) -> bool {
         let [x, y, z] = core::array::from_fn(|axis| point[axis] - self.center[axis]);
         x * x + y * y + z * z <= self.radius * self.radius
@@ -27,7 +27,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_ball_has_its_surface_and_nothing_beyond_it() {
+    fn a_ball_contains_its_surface_and_nothing_beyond_it() {
         let ball = Ball { center: [1.0, -2.0, 0.5], radius: 2.0 };
         for point in [[1.0, -2.0, 0.5], [3.0, -2.0, 0.5], [1.0, -4.0, 0.5], [2.0, -3.0, 1.5]] {
             assert!(ball.contains(point), "{point:?} is in it");

@@ -6,7 +6,7 @@ use crate::{
     shade::{ShadingForm, ShadingRules},
 };
 
-/// Rules by which a scene is rendered.
+/// Rendering rules of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderRules {
     /// The shading function.
@@ -21,7 +21,7 @@ pub struct RenderRules {
     pub is_lit: bool,
     /// Whether reflected rays are traced against the near field of a light that has one.
     pub traces_near: bool,
-    /// Whether the lamps of a light, if it has some, light physical materials.
+    /// True if lamps of a light illuminate physical materials.
     pub illuminates: bool,
     /// The levels of the light that are looked up.
     pub levels: LevelRange,
@@ -31,16 +31,16 @@ pub struct RenderRules {
     pub light_layer: LightLayer,
 }
 
-/// Light that the layer of light shows, of a surface that is lit pixel by pixel.
+/// Light in the layer of light, for surfaces lit per pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum LightLayer {
     /// Light along the reflected direction.
     #[default]
     Reflected,
-    /// Part of it that other surfaces reflect.
+    /// Part reflected by other surfaces.
     Indirect,
-    /// Share of the far light along the reflected direction that no surface occludes, in all three
-    /// channels: 1 without occlusion, and where no light is looked up.
+    /// Unoccluded share of the far light along the reflected direction, in all three channels: 1
+    /// without occlusion or without light.
     Visibility,
     /// Irradiance / π of a physical material's diffuse layer: that of the far light, times the mean
     /// of its ambient transfer, plus that of lamps; zero for other materials.
@@ -48,7 +48,8 @@ pub enum LightLayer {
 }
 
 impl LightLayer {
-    /// Light layers beside the reflected one; each is rendered on request, as a picture of its own.
+    /// Light layers other than the reflected one; each is rendered as a separate picture on
+    /// request.
     pub const OTHERS: [Self; 3] = [Self::Indirect, Self::Visibility, Self::Irradiance];
 }
 
@@ -76,7 +77,7 @@ impl RenderRules {
     pub fn is_illuminated(&self, layout: Layout) -> bool {
         self.is_lit && self.illuminates && layout.is_shaded() && self.shading.form == ShadingForm::Physical
     }
-    /// Channels that have to be blended for the requested ones.
+    /// Channels that must be blended for the requested ones.
     pub fn blended(&self, layout: Layout) -> Channels {
         let is_lit_by_pixel = self.is_lit && self.is_deferred(layout);
         match self.channels {
@@ -108,7 +109,7 @@ impl RenderRules {
         };
         let is_physical = self.shading.form == ShadingForm::Physical && layout.is_physical;
         let colors = if is_physical && !self.is_color_alone(layout) {
-            // Materials take the place of diffuse colour, tint and harmonics.
+            // Materials replace diffuse colour, tint and harmonics.
             layout.physical_end() - layout.sh_end() - (ROUGHNESS - DIFFUSE)
         } else {
             3 * self.sh_count(layout)
@@ -117,7 +118,7 @@ impl RenderRules {
     }
 }
 
-/// Channels that are blended into a picture in one pass.
+/// Channels of a picture, blended in one pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Channels {
     /// Only colour: 3 channels.
@@ -201,10 +202,10 @@ pub mod channel {
     pub const SPECULAR: usize = 15;
     /// Residual colour, linear.
     pub const RESIDUAL: usize = 18;
-    /// Metalness, in place of the residual colour where materials are physical.
+    /// Metalness, instead of the residual colour if materials are physical.
     pub const METALNESS: usize = RESIDUAL;
-    /// Mean of the ambient transfer, likewise.
+    /// Mean of the ambient transfer of physical materials.
     pub const AMBIENT: usize = RESIDUAL + 1;
-    /// Prefiltered light that reaches the surface, linear.
+    /// Prefiltered light on the surface, linear.
     pub const LIGHT: usize = 21;
 }

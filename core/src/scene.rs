@@ -17,7 +17,7 @@ pub enum Appearance {
     Shaded,
 }
 
-/// Planes of a cloud of Gaussians. One plane is one number of every Gaussian, side by side.
+/// Planes of Gaussians. A plane is one number of every Gaussian, side by side.
 ///
 /// Planes, in order: means 0–2, log scales 3–5, quats (w, x, y, z) 6–9, opacity logit 10; then,
 /// shaded only, diffuse 11–13, tint 14–16, roughness 17, normal residuals Δn₁ 18–20 and Δn₂ 21–23;
@@ -31,16 +31,17 @@ pub struct Layout {
     pub appearance: Appearance,
     /// Degree of the spherical harmonics, 0–3; `None` is no harmonics at all.
     pub sh_degree: Option<u8>,
-    /// Whether each Gaussian has a physical material beside its view-dependent colour
+    /// Whether each Gaussian has a physical material in addition to its view-dependent colour
     /// ([`mod@crate::physical`]).
     pub is_physical: bool,
-    /// Low-pass of splats that the opacities were trained under.
+    /// Low-pass of splats in the training of the opacities.
     pub low_pass: LowPass,
     /// Whether each Gaussian has a filter in space ([`crate::antialias`]).
     pub is_smoothed: bool,
 }
 
-/// Prints materials and filters only if there are any: checkpoints hold the text of their settings.
+/// Prints materials and filters only if there are any: checkpoints contain the text of their
+/// settings.
 impl core::fmt::Debug for Layout {
     fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let Self { appearance, sh_degree, is_physical, low_pass, is_smoothed } = self;
@@ -85,7 +86,7 @@ pub const AMBIENT: usize = 4;
 /// Physical planes of a Gaussian.
 const PHYSICAL_LEN: usize = AMBIENT + 3;
 
-/// Gaussians side by side in a block: as many as a SIMD vector has lanes.
+/// Gaussians side by side in a block, one per SIMD lane.
 pub const BLOCK: usize = 16;
 
 impl Layout {
@@ -115,7 +116,7 @@ impl Layout {
     pub const fn antialiased(self) -> Self {
         Self { low_pass: LowPass::Mip, is_smoothed: true, ..self }
     }
-    /// Whether the shading attributes are there.
+    /// True if there are shading attributes.
     pub const fn is_shaded(self) -> bool {
         matches!(self.appearance, Appearance::Shaded)
     }
@@ -152,9 +153,9 @@ impl Layout {
     }
 }
 
-/// A cloud of Gaussians, in blocks of [`BLOCK`]: a block holds plane after plane, each [`BLOCK`]
-/// numbers long, so that a block is one piece of memory and a plane of it one SIMD vector. The last
-/// block is padded; the padding is ignored.
+/// Gaussians in blocks of [`BLOCK`]: a block holds plane after plane, each [`BLOCK`] numbers long,
+/// so that a block is one piece of memory and a plane of it one SIMD vector. The last block is
+/// padded; the padding is ignored.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gaussians<A> {
     /// Number of Gaussians.
@@ -165,13 +166,13 @@ pub struct Gaussians<A> {
     pub values: A,
 }
 
-/// Length of the values of a cloud of `count` Gaussians.
+/// Length of the values of `count` Gaussians.
 pub const fn len_of_values(count: usize, layout: Layout) -> usize {
     count.next_multiple_of(BLOCK) * layout.plane_count()
 }
 
 impl<A> Gaussians<A> {
-    /// The same Gaussians with their numbers elsewhere.
+    /// The same Gaussians with other storage.
     pub fn with_values<B>(&self, values: B) -> Gaussians<B> {
         Gaussians { count: self.count, layout: self.layout, values }
     }
@@ -209,7 +210,7 @@ impl<A: AsMut<[f32]>> Gaussians<A> {
 /// Activation of an environment's numbers to radiance ([`crate::environment`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum RadianceActivation {
-    /// Numbers are radiance itself, which a trainer keeps from becoming negative.
+    /// Numbers are radiance, which a trainer keeps non-negative.
     Identity,
     /// exp(x): positive and unbounded, with the same relative step at every brightness.
     Exponential,
@@ -218,8 +219,8 @@ pub enum RadianceActivation {
     Network,
 }
 
-/// Light from far away: a cube map of linear radiance, six faces (+X −X +Y −Y +Z −Z) of resolution²
-/// RGB texels, row by row, in the texel order of OpenGL, Vulkan and WebGPU; or a network that is
+/// Distant light: a cube map of linear radiance, six faces (+X −X +Y −Y +Z −Z) of resolution² RGB
+/// texels, row by row, in the texel order of OpenGL, Vulkan and WebGPU; or a network that is
 /// evaluated in such texels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Environment<A> {
@@ -232,7 +233,7 @@ pub struct Environment<A> {
 }
 
 impl<A> Environment<A> {
-    /// The same light with its numbers elsewhere.
+    /// The same light with other storage.
     pub fn with_values<B>(&self, values: B) -> Environment<B> {
         Environment { resolution: self.resolution, activation: self.activation, values }
     }

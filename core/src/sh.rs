@@ -1,4 +1,4 @@
-//! Real spherical harmonics up to degree 3, with the signs and constants that the field uses.
+//! Real spherical harmonics up to degree 3, with the usual signs and constants.
 
 use crate::{
     color::COLOR_MAX,
@@ -99,7 +99,7 @@ pub fn radiance<R: Real>(sum: Vec3<R>) -> Vec3<R> {
     each!(sum, x => (x + 0.5).clamp(0.0, COLOR_MAX))
 }
 
-/// Gradient of [`radiance`]; zero where the colour was limited.
+/// Gradient of [`radiance`]; zero where the colour was clamped.
 #[inline(always)]
 pub fn radiance_vjp<R: Real>(sum: Vec3<R>, grad: Vec3<R>) -> Vec3<R> {
     let [lowest, highest] = [grad.x.constant(-0.5), grad.x.constant(COLOR_MAX)];

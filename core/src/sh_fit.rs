@@ -1,8 +1,8 @@
-//! Fit of harmonics to colours that were seen from some directions, by weighted least squares.
+//! Fit of harmonics to colours seen from some directions, by weighted least squares.
 //!
 //! Minimises Σ w (½ + Σ_k Y_k(d) c_k − colour)² for each of red, green and blue over the
-//! coefficients c ([`crate::least_squares`]). Where many Gaussians are seen from the same
-//! directions, these are summed once.
+//! coefficients c ([`crate::least_squares`]). For many Gaussians seen from the same directions,
+//! these are summed once.
 
 use crate::{
     double::Double,
@@ -37,7 +37,7 @@ impl Fit {
         Self(self.0.without_targets(weight))
     }
 
-    /// Adds a colour that was seen, sRGB-encoded, with a weight that is not negative.
+    /// Adds an observed colour, sRGB-encoded, with a non-negative weight.
     pub fn add(&mut self, harmonics: &Harmonics, color: [f32; 3], weight: f64) {
         self.0.add(harmonics, target_of(color), weight);
     }

@@ -1,8 +1,8 @@
 //! Rotation of the harmonics of a scene: each degree rotates within itself.
 //!
-//! A colour Σ c_k Y_k(d) that shall be the same towards R d needs c′_j = Σ_k c_k ∫ Y_k(R⁻¹ d)
-//! Y_j(d) dω / ∫ Y_j² dω. The integrands are polynomials of degree 6 at most, which a quadrature of
-//! Gauss along z and of equal steps around it integrates exactly, so nothing is lost but rounding.
+//! For the same colour Σ c_k Y_k(d) towards R d, c′_j = Σ_k c_k ∫ Y_k(R⁻¹ d) Y_j(d) dω / ∫ Y_j² dω.
+//! The integrands are polynomials of degree 6 at most, which Gauss quadrature along z with equal
+//! steps around it integrates exactly, up to rounding.
 
 use crate::{
     double::Double,
@@ -22,7 +22,7 @@ const AROUND: usize = 8;
 /// Rotation of harmonics: row j has the weights of the old coefficients in the new coefficient j.
 pub type ShTurn = [[f64; MAX_COUNT]; MAX_COUNT];
 
-/// Rotation of harmonics for a rotation of directions and places, whose rows are given.
+/// Rotation of harmonics for a rotation of directions and positions, given by its rows.
 pub fn turn(rotation: [[f64; 3]; 3]) -> ShTurn {
     let matrix = Mat3 { rows: rotation.map(|[x, y, z]| vec3(Double(x), Double(y), Double(z))) };
     let mut sums = [[0.0; MAX_COUNT]; MAX_COUNT];

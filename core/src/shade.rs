@@ -1,5 +1,5 @@
-//! The colour of a Gaussian towards a viewer: the paper's shading function, and the authors'
-//! code's.
+//! The colour of a Gaussian towards a viewer: the shading functions of the paper and of the
+//! authors' code.
 //!
 //! Shading runs in three steps, because the light in between is read from memory: [`surface`] turns
 //! attributes into directions and activated colours; the executor looks the light up along
@@ -24,11 +24,11 @@ pub enum ShadingForm {
     /// No γ; an ambient term E from an irradiance map; a split-sum table (F_x, F_y) of n·v and
     /// roughness.
     Official,
-    /// c_d + c_r, linear: the base colour that is blended where light is added pixel by pixel
+    /// c_d + c_r, linear: the base colour that is blended if light is added per pixel
     /// ([`crate::shade_pixels`]).
     Deferred,
-    /// a (1 − m), linear: the diffuse albedo that is blended beside F₀ where irradiance and
-    /// reflected light are added pixel by pixel ([`mod@crate::physical`]).
+    /// a (1 − m), linear: the diffuse albedo that is blended with F₀ if irradiance and reflected
+    /// light are added per pixel ([`mod@crate::physical`]).
     Physical,
 }
 
@@ -37,7 +37,7 @@ pub enum ShadingForm {
 pub struct ShadingRules {
     /// Equation of the colour.
     pub form: ShadingForm,
-    /// Axis that the normal starts from.
+    /// Base axis of the normal.
     pub axis: AxisRule,
     /// Whether a flipped normal is −(v + Δn₂), as the paper says, or −v + Δn₂.
     pub negate_second_residual: bool,
@@ -54,8 +54,7 @@ impl ShadingRules {
     pub const OFFICIAL: Self =
         Self { form: ShadingForm::Official, axis: AxisRule::SortedRow, negate_second_residual: false };
 
-    /// Shift that is subtracted from the raw diffuse colour before the sigmoid: ln 3 in the
-    /// authors' code.
+    /// Shift subtracted from the raw diffuse colour before the sigmoid: ln 3 in the authors' code.
     pub const fn diffuse_shift(&self) -> f32 {
         match self.form {
             ShadingForm::Paper | ShadingForm::Deferred | ShadingForm::Physical => 0.0,
@@ -64,7 +63,7 @@ impl ShadingRules {
     }
 }
 
-/// The attributes that shading reads, before activation.
+/// Attributes of shading, before activation.
 #[derive(Clone, Copy, Debug)]
 pub struct Material<R> {
     /// Centre, in world space.
@@ -84,7 +83,7 @@ pub struct Material<R> {
 }
 
 impl<R: Real> Material<R> {
-    /// Mask of finite attributes, beside those of a [`project::Shape`](crate::project::Shape).
+    /// Mask of finite attributes, except those of a [`project::Shape`](crate::project::Shape).
     #[inline(always)]
     pub fn is_finite(&self) -> R::Mask {
         let [first, second] = self.normal_residuals;
@@ -105,7 +104,7 @@ pub struct Surface<R: Real> {
     pub facing: Facing<R>,
     /// r = 2(ω_o·n)n − ω_o.
     pub reflection_dir: Vec3<R>,
-    /// ω_o · n, kept at least [`N_DOT_V_MIN`]; read by the split-sum table.
+    /// ω_o · n, at least [`N_DOT_V_MIN`]; for the split-sum table.
     pub n_dot_v: R,
     /// Diffuse colour in (0, 1).
     pub diffuse: Vec3<R>,
@@ -115,7 +114,7 @@ pub struct Surface<R: Real> {
     pub roughness: R,
 }
 
-/// Least n·v at which the split-sum table is read; below it a surface is seen edge on.
+/// Smallest n·v in the split-sum table; below it a surface is seen edge on.
 pub const N_DOT_V_MIN: f32 = 1e-4;
 
 /// Gradient of the parts of a [`Surface`] that colours and losses depend on.
@@ -139,8 +138,7 @@ pub struct SurfaceGrad<R> {
     pub roughness: R,
 }
 
-/// The direction from a Gaussian to the eye. A Gaussian in the eye itself is taken to be seen along
-/// +z.
+/// The direction from a Gaussian to the eye. A Gaussian at the eye counts as seen along +z.
 #[inline(always)]
 pub fn view_dir<R: Real>(mean: Vec3<R>, eye: Vec3<R>) -> Vec3<R> {
     normalize_or(eye - mean, Vec3::constant(mean.x, glam::Vec3::Z))
@@ -176,8 +174,8 @@ pub fn surface<R: Real>(material: &Material<R>, eye: Vec3<R>, rules: ShadingRule
     }
 }
 
-/// Gradient of [`surface`] with respect to the attributes. The scales get none: their order is
-/// locally constant.
+/// Gradient of [`surface`] with respect to the attributes. Scales have none: their order is locally
+/// constant.
 #[inline(always)]
 pub fn surface_vjp<R: Real>(
     material: &Material<R>,
@@ -246,8 +244,8 @@ impl<R: Real> Terms<R> {
     }
 }
 
-/// The colour of a Gaussian; sRGB-encoded but for [`ShadingForm::Deferred`] and
-/// [`ShadingForm::Physical`]. Residuals are limited ([`crate::color::COLOR_MAX`]), light is not.
+/// The colour of a Gaussian; sRGB-encoded except for [`ShadingForm::Deferred`] and
+/// [`ShadingForm::Physical`]. Residuals are clamped ([`crate::color::COLOR_MAX`]), light is not.
 #[inline(always)]
 pub fn shade<R: Real>(form: ShadingForm, terms: &Terms<R>) -> Vec3<R> {
     let residual = limited(terms.residual);
@@ -274,14 +272,14 @@ pub fn specular<R: Real>(form: ShadingForm, terms: &Terms<R>) -> Vec3<R> {
     }
 }
 
-/// Gradient of [`shade`]; that of a residual is zero where it was limited.
+/// Gradient of [`shade`]; that of a residual is zero where it was clamped.
 #[inline(always)]
 pub fn shade_vjp<R: Real>(form: ShadingForm, terms: &Terms<R>, grad: Vec3<R>) -> Terms<R> {
     let grad = unlimited_vjp(form, terms, grad);
     Terms { residual: limited_vjp(terms.residual, grad.residual), ..grad }
 }
 
-/// Gradient of [`shade`] as if residuals had no limit to reach.
+/// Gradient of [`shade`] without the clamp of residuals.
 #[inline(always)]
 fn unlimited_vjp<R: Real>(form: ShadingForm, terms: &Terms<R>, grad: Vec3<R>) -> Terms<R> {
     match form {

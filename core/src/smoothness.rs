@@ -1,8 +1,8 @@
 //! Smoothness of rendered normals between creases.
 //!
-//! A mirror constrains its normal only where an edge of the light passes through its reflection in
-//! some picture; elsewhere normals are noise of a few pixels. This loss makes them vary evenly
-//! along rows and columns of the picture:
+//! A mirror's normal is constrained only where an edge of the light passes through its reflection
+//! in some picture; elsewhere normals are noise with a scale of a few pixels. This loss makes them
+//! vary evenly along rows and columns of the picture:
 //!
 //! ```text
 //! b = (n₋ − 2 n₀ + n₊)⊥                      n at REACHES pixels to either side of a pixel
@@ -10,10 +10,10 @@
 //! w = s / (s + s₀) (1 − r)²                  s of the pixel's colour reflected, at roughness r
 //! ```
 //!
-//! ⊥ keeps the part across the line of sight. There the unit normal of a plane, a sphere or a
-//! cylinder is linear in the place on the picture, up to the outline, so the loss does not deform
-//! them. Bends beyond ε are no noise, and saturate (Geman and McClure 1987); c, the largest |b| of
-//! blurred normals, exempts creases that noise hides. w exempts surfaces without reflections, whose
+//! ⊥ is the part across the line of sight. It is linear in the picture position for the unit normal
+//! of a plane, a sphere or a cylinder, up to the outline, so the loss does not deform them. Bends
+//! beyond ε are not noise, and saturate (Geman and McClure 1987); c, the largest |b| of blurred
+//! normals, exempts creases that noise hides. w exempts surfaces without reflections, because their
 //! texture determines their shape; without light per pixel w = 1. c and w are held fixed.
 
 use crate::{
@@ -21,26 +21,25 @@ use crate::{
     vector::{Vec3, normalize_or, normalize_or_vjp},
 };
 
-/// Pixels from a pixel to the neighbours that its normal is compared with.
+/// Distances in pixels of the neighbours in the comparison of normals.
 pub const REACHES: [usize; 2] = [2, 4];
-/// Pixels from a pixel to the neighbours whose blurred normals detect creases.
+/// Distance in pixels of the neighbours for detecting creases.
 pub const CREASE_REACH: usize = 4;
-/// Pixels to either side over which normals are blurred.
+/// Radius in pixels of the blur of normals.
 pub const BLUR_REACH: usize = 2;
 /// 1 / ε²: |b| above ε = 0.025, 1.4°, saturates.
 pub const INVERSE_SQUARED_LIMIT: f32 = 1600.0;
 /// 1 / g²: a crease turns blurred normals by |b| of g = 0.03 and more.
 pub const INVERSE_SQUARED_CREASE: f32 = 1111.0;
-/// s₀: a pixel that is brighter by this much through reflection, in sRGB, has half of the largest
-/// weight.
+/// s₀: brightness added by reflection, in sRGB, with half of the largest weight.
 pub const REFLECTED_HALF: f32 = 0.1;
 /// Length below which a blended normal has no direction.
 pub const LENGTH_MIN: f32 = 0.25;
-/// Threshold of the squared length between unit normals and none.
+/// Threshold of the squared length that separates unit normals from zero.
 const PRESENT: f32 = 0.5;
 
-/// Unit normal of a pixel from its blended normal; zero without a surface, or where normals that
-/// disagree leave less than [`LENGTH_MIN`].
+/// Unit normal of a pixel from its blended normal; zero without a surface, or if the blended normal
+/// is shorter than [`LENGTH_MIN`].
 #[inline(always)]
 pub fn unit_normal<R: Real>(blended: Vec3<R>, is_surface: R::Mask) -> Vec3<R> {
     let none = Vec3::zero(blended.x);
@@ -78,7 +77,7 @@ pub struct Line<R> {
 }
 
 impl<R: Real> Line<R> {
-    /// Mask of lines whose pixels all have a surface.
+    /// Mask of lines with a surface in all pixels.
     #[inline(always)]
     pub fn is_whole(&self) -> R::Mask {
         let least = self.before.length_squared().min(self.at.length_squared()).min(self.after.length_squared());
@@ -94,7 +93,7 @@ impl<R: Real> Line<R> {
 }
 
 /// Weight (1 + c² / g²)⁻² of a pixel, from the blurred normals of its row and its column at
-/// [`CREASE_REACH`]; zero where one of them is not whole.
+/// [`CREASE_REACH`]; zero if one of them is incomplete.
 #[inline(always)]
 pub fn evenness<R: Real>(row: &Line<R>, column: &Line<R>, view_dir: Vec3<R>) -> R {
     let largest = row.bend(view_dir).length_squared().max(column.bend(view_dir).length_squared());
@@ -105,13 +104,13 @@ pub fn evenness<R: Real>(row: &Line<R>, column: &Line<R>, view_dir: Vec3<R>) -> 
 /// Weight s / (s + s₀) (1 − r)² of a pixel, from 0 for matte surfaces to nearly 1 for mirrors: from
 /// its colour under the light and without any, both sRGB-encoded, and its roughness, all
 /// premultiplied by its coverage, which also scales s and 1 − r. s is the mean difference of the
-/// colours, and zero where light takes colour away.
+/// colours, and zero if light reduces the colour.
 #[inline(always)]
 pub fn gloss<R: Real>(lit: Vec3<R>, unlit: Vec3<R>, roughness: R, coverage: R) -> R {
     let more = lit - unlit;
     let reflected = ((more.x + more.y + more.z) * (1.0 / 3.0)).max(coverage.zero());
     let smooth = (coverage - roughness).max(coverage.zero());
-    // 1 − 1 / (s / s₀ + 1), which is 1 even where s is infinite.
+    // 1 − 1 / (s / s₀ + 1), which is 1 even for infinite s.
     let share = -((reflected * REFLECTED_HALF.recip() + 1.0).recip()) + 1.0;
     share * (smooth * smooth)
 }

@@ -1,12 +1,12 @@
-//! Directions all around.
+//! Directions over the sphere.
 
 use crate::math;
 
-/// Golden angle, π (3 − √5), in radians: it keeps neighbours of a spiral farthest from all others.
+/// Golden angle, π (3 − √5), in radians: it maximises the distance between neighbours on a spiral.
 pub const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
 
-/// Unit directions, evenly spread over the sphere from +z to −z: a Fibonacci lattice, each with the
-/// same share of it.
+/// Unit directions, evenly spread over the sphere from +z to −z: a Fibonacci lattice with equal
+/// areas.
 pub fn directions(count: usize) -> impl Iterator<Item = [f64; 3]> {
     (0..count).map(move |k| {
         let z = 1.0 - (2 * k + 1) as f64 / count as f64;

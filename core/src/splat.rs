@@ -12,7 +12,7 @@ pub struct Splat<R> {
     pub mean2d: [R; 2],
     /// W: (xx, yx, yy), in 1/px; W δ = (xx δx, yx δx + yy δy).
     pub root_conic: [R; 3],
-    /// Camera-space z of the centre; −1 for a Gaussian that is nearer than the camera draws, or not
+    /// Camera-space z of the centre; −1 for a Gaussian that is nearer than the near plane, or not
     /// finite.
     pub depth: R,
     /// Opacity, in (0, 1).
@@ -37,7 +37,7 @@ pub struct SplatGrad<R> {
 /// √(½ log₂ e), the scale of the root of the conic that makes the falloff a power of two.
 pub const ROOT_SCALE: f32 = 0.849_321_8;
 
-/// Splat as compositing reads it: its strength at an offset δ is 2^(log₂ opacity − |W' δ|²).
+/// Splat for compositing: its strength at an offset δ is 2^(log₂ opacity − |W' δ|²).
 #[derive(Clone, Copy, Debug)]
 pub struct Splat2d<R> {
     /// Centre, in pixels.
@@ -57,15 +57,15 @@ impl<R: Real> Splat2d<R> {
     }
 }
 
-/// Footprint of a splat: the ellipse |W δ| ≤ `reach` around its mean, at whose edge its alpha falls
-/// to the least one that is drawn ([`crate::cutoffs`]).
+/// Footprint of a splat: the ellipse |W δ| ≤ `reach` around its mean, with the smallest drawn alpha
+/// at its edge ([`crate::cutoffs`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Footprint<R> {
     /// Centre, in pixels.
     pub mean2d: [R; 2],
     /// Root of the conic.
     pub root_conic: [R; 3],
-    /// √(2 ln(opacity / least alpha)), in standard deviations; negative where nothing is drawn.
+    /// √(2 ln(opacity / least alpha)), in standard deviations; negative if nothing is drawn.
     pub reach: R,
 }
 
@@ -81,6 +81,6 @@ pub struct Outline<R> {
     pub half_width: [R; 2],
     /// y of the rightmost point; that of the leftmost is its negative.
     pub extreme_y: R,
-    /// Largest y; NaN or infinite where the outline is no ellipse in `f32`.
+    /// Largest y; NaN or infinite if the outline is not an ellipse in `f32`.
     pub reach_y: R,
 }

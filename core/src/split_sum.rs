@@ -1,5 +1,5 @@
-//! The split-sum table of the authors' shading: how much a GGX surface reflects, as scale and bias
-//! of its tint.
+//! The split-sum table of the authors' shading: reflectance of a GGX surface, as scale and bias of
+//! its tint.
 
 use crate::math;
 
@@ -16,7 +16,7 @@ pub const RESOLUTION: usize = 256;
 /// over half vectors drawn from D(h) n·h; here a Hammersley set of `samples` points. F_x + F_y ≤ 1.
 ///
 /// The common variable of that draw, u, leaves a pole 1/√(1 − u) at grazing half vectors; t = √(1 −
-/// u) has none, and 1024 points then come within 2e-4 of the integral, where they were 1e-2 away.
+/// u) has none, and 1024 points are then within 2e-4 of the integral, instead of 1e-2.
 pub fn integrate(n_dot_v: f64, roughness: f64, samples: u32) -> [f64; 2] {
     integrate_over((0..samples).map(|k| HalfVector::of_sample(k, roughness, samples)), n_dot_v, roughness)
 }
@@ -28,7 +28,7 @@ pub struct HalfVector {
     pub n_dot_h: f64,
     /// Component perpendicular to the normal, towards the view direction.
     pub across: f64,
-    /// Share of the set, with what does not depend on n·v: 4 t / (`samples` n·h).
+    /// Share of the set, with the factors that do not depend on n·v: 4 t / (`samples` n·h).
     pub weight: f64,
 }
 

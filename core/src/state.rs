@@ -1,6 +1,6 @@
-//! State of a training: the parameters of a scene, and everything that a step needs beside them.
-//! The trainer, a checkpoint and every executor share these types; `A` is where numbers are kept,
-//! as in [`crate::scene`].
+//! State of a training: the parameters of a scene, and everything else for a step. The trainer,
+//! checkpoints and executors share these types; `A` is the storage of numbers, as in
+//! [`crate::scene`].
 
 use crate::scene::{Environment, Gaussians};
 #[cfg(feature = "std")]
@@ -24,9 +24,9 @@ pub struct Statistics<A> {
     /// Sum over the views of the gradient's length at the projected centre, in normalised device
     /// coordinates.
     pub grad_sum: A,
-    /// Number of views whose camera had the Gaussian in front of it, in the picture or beside it.
-    /// Beside the picture no gradient is added, so that places at the edge of a capture, which few
-    /// views see, are refined less; INRIA's code counts Gaussians that touch a tile.
+    /// Number of views with the Gaussian in front of the camera, inside or outside of the picture.
+    /// Outside no gradient is added, so the edges of a capture, which few views see, are refined
+    /// less; INRIA's code counts Gaussians that touch a tile.
     pub view_count: A,
 }
 
@@ -53,18 +53,18 @@ pub struct ExposureState {
     pub moments: AdamMoments<Vec<Exposure<f32>>>,
 }
 
-/// A training between two steps. Together with its settings and views it determines every later
-/// step, on the same kind of executor to the last bit.
+/// A training between two steps. With its settings and views it determines every later step, on the
+/// same kind of executor to the last bit.
 #[cfg(feature = "std")]
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainingState<A> {
     /// The scene and its moments.
     pub scene: SceneState<A>,
-    /// Near field that reflected rays are traced against, if there is one.
+    /// Near field for reflected rays, if there is one.
     pub near_field: Option<NearField<Vec<f32>>>,
-    /// Exposures, where they are learned.
+    /// Exposures, if they are learned.
     pub exposures: Option<ExposureState>,
-    /// Views that remain of the current pass over all views, the next one last.
+    /// Remaining views of the current pass over all views, the next one last.
     pub order: Vec<u32>,
     /// Steps taken.
     pub iteration: u32,

@@ -1,8 +1,8 @@
-//! A surface from pictures of depth: truncated signed distances on a grid, as running means.
+//! Surface from depth maps: truncated signed distances on a grid, as running means.
 //!
 //! Curless and Levoy 1996, "A Volumetric Method for Building Complex Models from Range Images":
-//! every picture measures how far a voxel lies in front of the surface along the view; the mean
-//! over all pictures changes its sign at the surface.
+//! every picture measures the distance of a voxel from the surface along the view; the mean over
+//! all pictures changes its sign at the surface.
 
 use crate::math;
 
@@ -12,7 +12,7 @@ pub struct Voxel {
     /// Distance to the surface in truncation lengths, in \[−1, 1\]: positive in front of it,
     /// negative behind.
     pub distance: f32,
-    /// Sum of the weights of all pictures that saw it; zero where none did.
+    /// Sum of the weights of all pictures that saw it; zero if none did.
     pub weight: f32,
     /// Mean colour of surfaces seen near it, sRGB-encoded.
     pub color: [f32; 3],
@@ -21,9 +21,9 @@ pub struct Voxel {
 }
 
 impl Voxel {
-    /// Voxel after one more picture, in which the surface lies `distance` truncation lengths behind
-    /// it and has this colour. A voxel more than one such length behind a surface is hidden and
-    /// stays unchanged. Colours count within one length of the surface.
+    /// Voxel after one more picture with the surface `distance` truncation lengths behind it in
+    /// this colour. A voxel more than one such length behind a surface is hidden and unchanged.
+    /// Colours count within one length of the surface.
     #[must_use]
     pub fn seen(self, distance: f32, color: [f32; 3], weight: f32) -> Self {
         if !(distance >= -1.0 && weight > 0.0) {
@@ -68,8 +68,7 @@ pub fn vertex(distances: &[f32; CORNERS]) -> Option<([f32; 3], [f32; 3])> {
     })
 }
 
-/// The gradient of the trilinear distance at a point of a cell, made unit; zero where there is
-/// none.
+/// Normalised gradient of the trilinear distance at a point of a cell; zero if it vanishes.
 fn normal(distances: &[f32; CORNERS], vertex: [f32; 3]) -> [f32; 3] {
     let share = |corner: usize, axis: usize| match corner >> axis & 1 {
         0 => 1.0 - vertex[axis],

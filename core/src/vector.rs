@@ -20,8 +20,8 @@ pub struct Vec3<R> {
 
 /// Each component of a vector through an expression: `each!(v, x => x + 1.0)`.
 ///
-/// The expression is expanded in place; a closure or a function that is passed on is compiled
-/// separately, without the vector features of the machine, and costs a call for every operation.
+/// The expression is expanded in place; a closure or a function argument is compiled separately,
+/// without the vector features of the machine, and costs a call for every operation.
 #[macro_export]
 macro_rules! each {
     ($vector:expr, $component:ident => $result:expr) => {{
@@ -113,7 +113,7 @@ impl<R: Real> Vec3<R> {
         )
     }
     /// Components of `self` where those of `number` are below `limit` in magnitude, zero elsewhere:
-    /// the gradient of a number that was limited.
+    /// the gradient of a clamped number.
     #[inline(always)]
     pub fn keep_below(self, number: Self, limit: f32) -> Self {
         let limit = number.x.constant(limit);
@@ -135,11 +135,10 @@ impl<R: Real> Vec3<R> {
     }
 }
 
-/// Vectors no longer than this have no direction: the square root of the smallest number whose
-/// square is normal.
+/// Length up to which vectors have no direction: the smallest number with a normal square.
 pub const LENGTH_MIN: f32 = 1e-18;
 
-/// `v` / |v|, or `fallback` where |v| is below [`LENGTH_MIN`], with a zero gradient there.
+/// `v` / |v|, or `fallback` if |v| is below [`LENGTH_MIN`], with a zero gradient there.
 #[inline(always)]
 pub fn normalize_or<R: Real>(v: Vec3<R>, fallback: Vec3<R>) -> Vec3<R> {
     let (unit, _, has_direction) = unit_and_mask(v);
@@ -154,8 +153,7 @@ pub fn normalize_or_vjp<R: Real>(v: Vec3<R>, grad: Vec3<R>) -> Vec3<R> {
     Vec3::select(has_direction, tangent, Vec3::zero(v.x))
 }
 
-/// `v` / |v|, 1 / |v|, and the mask of vectors that are long enough to have a direction; `v` and 1
-/// where they are not.
+/// `v` / |v|, 1 / |v|, and the mask of vectors with a direction; `v` and 1 for others.
 #[inline(always)]
 fn unit_and_mask<R: Real>(v: Vec3<R>) -> (Vec3<R>, R, R::Mask) {
     let length_squared = v.length_squared();

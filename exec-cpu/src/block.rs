@@ -28,7 +28,7 @@ impl<S: Simd> AttributePlanes<Lanes<S>> for BlockPlanes<'_, S> {
 pub(crate) struct BlockGrads<'a, S: Simd> {
     /// [`BLOCK`] numbers of each plane.
     pub(crate) values: &'a mut [f32],
-    /// Gaussians that have a gradient.
+    /// Mask of Gaussians with a gradient.
     pub(crate) is_touched: LaneMask<S>,
 }
 

@@ -1,5 +1,5 @@
-//! Pools of memory: the results of stages give their memory back when they are dropped, so a
-//! training allocates nothing once it has seen its largest pictures.
+//! Pools of memory: dropped results of stages return their memory, so a training allocates nothing
+//! after its largest pictures.
 
 use core::ops::{Deref, DerefMut};
 use std::{
@@ -7,13 +7,14 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-/// Payload of the panic of a stage whose memory the system does not grant.
+/// Panic payload of a stage that cannot allocate its memory.
 #[derive(Clone, Copy, Debug, thiserror::Error, PartialEq, Eq)]
 #[error(
-    "a picture needs {} MiB more than the system grants; free some, or make pictures smaller", bytes.div_ceil(1 << 20)
+    "a picture needs {} MiB more than the system grants; free some memory, or make pictures \
+     smaller", bytes.div_ceil(1 << 20)
 )]
 pub struct OutOfMemory {
-    /// Bytes that were asked for.
+    /// Requested bytes.
     pub bytes: usize,
 }
 
@@ -35,7 +36,7 @@ impl<T> Default for Pool<T> {
 
 impl<T> Pool<T> {
     fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Vec<T>>> {
-        // The list only holds free memory, so a panic elsewhere leaves it valid.
+        // The list only contains free memory, so it is valid even after a panic.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
     /// Returns memory to the pool.
@@ -51,7 +52,7 @@ impl<T: Default> Pool<T> {
     pub(crate) fn take(&self, len: usize) -> Buffer<T> {
         let mut values = self.nearest(len).unwrap_or_default();
         if values.len() < len {
-            // Capacity to grow: pictures and clouds differ a little from step to step.
+            // Capacity to grow: sizes of pictures and Gaussians vary between steps.
             let roomy = len + len / 4;
             let more = roomy - values.len();
             grow(&mut values, more);
@@ -62,8 +63,8 @@ impl<T: Default> Pool<T> {
 }
 
 impl<T> Pool<T> {
-    /// The smallest free memory that is large enough, unless it is far too large; else the largest
-    /// that is too small.
+    /// The smallest free buffer that is large enough, unless it is far too large; else the largest
+    /// one that is too small.
     fn nearest(&self, len: usize) -> Option<Vec<T>> {
         const WASTE_MAX: usize = 4;
         let mut free = self.lock();
@@ -75,8 +76,8 @@ impl<T> Pool<T> {
 }
 
 impl<T: Copy> Pool<T> {
-    /// Copy of values, in free memory if there is any. Gradients from elsewhere go back to the pool
-    /// like those of stages, so copies have to take from it what they add.
+    /// Copy of values, in free memory if there is any. Gradients from outside return to the pool
+    /// like those of stages, so copies must also take their memory from it.
     pub(crate) fn copy_of(&self, values: &[T]) -> Vec<T> {
         let mut copy = self.nearest(values.len()).unwrap_or_default();
         copy.clear();
@@ -95,15 +96,15 @@ impl<T: Copy + Default> Pool<T> {
     }
 }
 
-/// Makes room for more values. Without memory for them it unwinds with [`OutOfMemory`], which a
-/// program can report; a failed allocation would abort it.
+/// Reserves memory for more values. On failure it unwinds with [`OutOfMemory`], which a program can
+/// report; a failed allocation would abort the program.
 fn grow<T>(values: &mut Vec<T>, more: usize) {
     if values.try_reserve_exact(more).is_err() {
         resume_unwind(Box::new(OutOfMemory { bytes: more.saturating_mul(size_of::<T>()) }));
     }
 }
 
-/// Values in memory that goes back to its pool.
+/// Values in memory that returns to its pool.
 #[derive(Debug)]
 pub(crate) struct Buffer<T> {
     values: Vec<T>,
@@ -116,7 +117,7 @@ impl<T> Buffer<T> {
     pub(crate) fn truncate(&mut self, len: usize) {
         self.len = self.len.min(len);
     }
-    /// The values, in memory that comes back only if [`Pool::give`] gets it.
+    /// The values, in memory that returns only through [`Pool::give`].
     pub(crate) fn into_vec(mut self) -> Vec<T> {
         let mut values = core::mem::take(&mut self.values);
         values.truncate(self.len);
@@ -169,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn copies_that_are_given_back_do_not_pile_up() {
+    fn returned_copies_do_not_accumulate() {
         let pool = Pool::<f32>::default();
         for len in [1000, 3000, 10, 2000, 1000] {
             for _ in 0..5 {
@@ -197,6 +198,6 @@ mod tests {
     fn cleared_buffers_hold_defaults() {
         let pool = Pool::<f32>::default();
         pool.take(10).fill(1.0);
-        assert!(pool.take_cleared(10).iter().all(|x| *x == 0.0), "what the last user left is gone");
+        assert!(pool.take_cleared(10).iter().all(|x| *x == 0.0), "values of the last user are gone");
     }
 }

@@ -19,11 +19,11 @@ pub(crate) struct Context {
 }
 
 impl Context {
-    /// Context with the widest vectors of this machine, and no memory yet.
+    /// Context with the widest vectors of this machine and empty pools.
     pub(crate) fn new() -> Self {
         Self { level: Level::new(), pools: Mutex::default() }
     }
-    /// Takes memory for `len` values, with the contents of its last use.
+    /// Takes memory for `len` values with arbitrary contents.
     pub(crate) fn take<T: Default + Send + 'static>(&self, len: usize) -> Buffer<T> {
         self.pool::<T>().take(len)
     }
@@ -31,11 +31,11 @@ impl Context {
     pub(crate) fn take_cleared<T: Copy + Default + Send + 'static>(&self, len: usize) -> Buffer<T> {
         self.pool::<T>().take_cleared(len)
     }
-    /// A copy of values, in memory that was given back if there is any.
+    /// Copy of values, in free memory if there is any.
     pub(crate) fn copy_of<T: Copy + Send + 'static>(&self, values: &[T]) -> Vec<T> {
         self.pool::<T>().copy_of(values)
     }
-    /// Takes memory back that [`Buffer::into_vec`] released.
+    /// Returns memory of [`Buffer::into_vec`] to its pool.
     pub(crate) fn give<T: Send + 'static>(&self, values: Vec<T>) {
         self.pool::<T>().give(values);
     }
@@ -43,7 +43,7 @@ impl Context {
     fn pool<T: Send + 'static>(&self) -> Pool<T> {
         let mut pools = self.pools.lock().unwrap_or_else(PoisonError::into_inner);
         let pool = pools.entry(TypeId::of::<T>()).or_insert_with(|| Box::new(Pool::<T>::default()));
-        pool.downcast_ref::<Pool<T>>().expect("a pool is filed under its type").clone()
+        pool.downcast_ref::<Pool<T>>().expect("pools are keyed by type").clone()
     }
 }
 

@@ -15,9 +15,9 @@ pub enum CpuError {
         width: usize,
         /// Rows.
         height: usize,
-        /// Bytes that it should have.
+        /// Expected number of bytes.
         expected: usize,
-        /// Bytes that it has.
+        /// Number of bytes.
         found: usize,
     },
     /// A light's resolution cannot be filtered.
@@ -27,7 +27,7 @@ pub enum CpuError {
     LightResolution {
         /// Texels along an edge of a face.
         resolution: usize,
-        /// The smallest that can be.
+        /// Smallest valid resolution.
         least: usize,
     },
     /// A light's network cannot be evaluated.
@@ -39,20 +39,21 @@ pub enum CpuError {
     /// Lamps are invalid.
     #[error(transparent)]
     Lamps(LampError),
-    /// Tiles hold more splats than are counted.
+    /// Tiles have more splats than a counter can represent.
     #[error(
-        "the tiles of a picture hold more than 4 294 967 295 splats; use a smaller picture, or fewer or smaller Gaussians"
+        "the tiles of a picture have more than 4 294 967 295 splats; use a smaller picture, or fewer or smaller \
+         Gaussians"
     )]
     TooManySplats,
-    /// A picture was compared with one of another size.
-    #[error("a picture of {found:?} pixels was compared with one of {expected:?}")]
+    /// A picture and its target differ in size.
+    #[error("cannot compare a target of {found:?} pixels with a picture of {expected:?}")]
     FrameSize {
         /// Width and height of the target.
         expected: [usize; 2],
         /// Width and height of the frame.
         found: [usize; 2],
     },
-    /// A buffer of another length than the numbers that are read into it.
+    /// A buffer does not have the length of the numbers to read.
     #[error(transparent)]
     BufferLength(BufferLength),
 }

@@ -44,11 +44,11 @@ use std::sync::Arc;
 
 /// Source of an executor's [`Cutoffs`].
 pub trait CutoffPolicy {
-    /// Cutoffs of the pictures that follow.
+    /// Cutoffs of later pictures.
     fn cutoffs(&self) -> &Cutoffs;
 }
 
-/// [`Cutoffs::DEFAULT`], the only cutoffs that gradients are derived for.
+/// [`Cutoffs::DEFAULT`], the only cutoffs with gradients.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct DefaultCutoffs;
 
@@ -66,14 +66,14 @@ impl CutoffPolicy for Cutoffs {
 
 /// Executor on the threads of rayon's current pool.
 ///
-/// With `DefaultCutoffs` it trains as well; with other [`Cutoffs`] it only renders.
+/// With `DefaultCutoffs` it also trains; with other [`Cutoffs`] it only renders.
 #[derive(Debug)]
 pub struct CpuExecutor<C = DefaultCutoffs> {
     context: Context,
     cutoffs: C,
     /// Prefilter operator of the last scheme, resolution and levels.
     operator: Option<((PrefilterScheme, usize, LevelRange), Arc<Operator>)>,
-    /// Texels of the last light that is a network.
+    /// Texels of the last network light.
     encoded: Option<Arc<EncodedTexels>>,
     /// Results of the stages since the last report.
     report: StepReport,
@@ -107,8 +107,8 @@ impl CpuViewer {
     pub fn with_cutoffs(cutoffs: Cutoffs) -> Self {
         Self::with_policy(cutoffs)
     }
-    /// Sets the cutoffs of the pictures that follow. Splats that were projected before must not be
-    /// used any more.
+    /// Sets the cutoffs of later pictures. Splats that were projected before must no longer be
+    /// used.
     pub fn set_cutoffs(&mut self, cutoffs: Cutoffs) {
         self.cutoffs = cutoffs;
     }
@@ -119,14 +119,14 @@ impl<C: CutoffPolicy> CpuExecutor<C> {
         Self { context: Context::new(), cutoffs, operator: None, encoded: None, report: StepReport::default() }
     }
 
-    /// Name of the vectors that it computes with.
+    /// Name of its vector instructions.
     pub fn vectors(&self) -> String {
         let name = format!("{:?}", self.context.level);
         format!("{} vectors", name.split('(').next().unwrap_or_default())
     }
 
     #[cfg(feature = "testing")]
-    /// Depth and index of the Gaussians that are drawn, front to back; ties in their order.
+    /// Depth and index of the drawn Gaussians, front to back; ties in their order.
     pub fn depth_order(&self, splats: &Splats) -> Vec<(f32, u32)> {
         let order = crate::stages::bin::depth_order(&self.context, &splats.records);
         order.iter().map(|(depth, gaussian)| (f32::from_bits(*depth), *gaussian)).collect()
@@ -137,7 +137,7 @@ impl<C: CutoffPolicy> CpuExecutor<C> {
     ///
     /// # Errors
     ///
-    /// [`CpuError::LightResolution`], where the resolutions differ.
+    /// [`CpuError::LightResolution`] if the resolutions differ.
     pub fn prefilter_into(
         &mut self,
         environment: &Environment<Vec<f32>>,
@@ -145,7 +145,7 @@ impl<C: CutoffPolicy> CpuExecutor<C> {
         levels: Levels,
     ) -> Result<Light, CpuError> {
         let first = levels.as_slice()[0].resolution;
-        assert!(!environment.is_network(), "a network has levels of its own; filter its texels");
+        assert!(!environment.is_network(), "a network has its own levels; filter its texels");
         if environment.resolution != first {
             return Err(CpuError::LightResolution { resolution: environment.resolution, least: first });
         }
@@ -155,7 +155,7 @@ impl<C: CutoffPolicy> CpuExecutor<C> {
     /// Filters light with an operator for a base of its resolution.
     pub fn filter(&mut self, environment: &Environment<Vec<f32>>, operator: &Arc<Operator>) -> Light {
         assert_eq!(environment.resolution, operator.base_resolution(), "weights are for one resolution");
-        assert!(!environment.is_network(), "a network has levels of its own; filter its texels");
+        assert!(!environment.is_network(), "a network has its own levels; filter its texels");
         Light::new(&self.context, operator.clone(), environment)
     }
 

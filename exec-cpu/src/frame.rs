@@ -1,8 +1,7 @@
-//! Pictures as executors of this machine hold them: tile by tile, and only tiles that a splat
-//! touches.
+//! Pictures in the layout of this executor: tile by tile, and only tiles that a splat touches.
 //!
-//! Tiles without a splat are neither written nor read. Losses skip a tile if both pictures show the
-//! background in it and in all windows that reach into it.
+//! Tiles without a splat are neither written nor read. Losses skip a tile if both pictures show
+//! only the background in it and in all windows that overlap it.
 
 use crate::{buffer::Buffer, context::Context};
 use rayon::prelude::*;
@@ -10,7 +9,7 @@ use specula_core::{bin::TILE_SIZE, scene::BLOCK};
 
 /// Pixels along an edge of a tile.
 pub(crate) const SIZE: usize = TILE_SIZE as usize;
-/// Pixels along an edge of a quad, which has a pixel for each lane.
+/// Pixels along an edge of a quad, which has one pixel per lane.
 pub(crate) const QUAD: usize = 4;
 /// Quads along an edge of a tile.
 pub(crate) const QUADS_ACROSS: usize = SIZE / QUAD;
@@ -26,19 +25,19 @@ pub(crate) const RGB: usize = 3;
 /// A number of each pixel of a quad, row by row.
 pub(crate) type Quad = [f32; BLOCK];
 
-/// Tiles of a picture that are covered by a splat.
+/// Tiles of a picture covered by splats.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Cover {
     pub(crate) columns: usize,
     pub(crate) rows: usize,
     /// Covered tiles, in the order of rows.
     pub(crate) tiles: Buffer<u32>,
-    /// Number of covered tiles before each tile, and in all.
+    /// Number of covered tiles before each tile, and in total.
     before: Buffer<u32>,
 }
 
 impl Cover {
-    /// The tiles of a grid that `is_covered` names.
+    /// Tiles of a grid for which `is_covered` returns true.
     pub(crate) fn new(context: &Context, columns: usize, rows: usize, is_covered: impl Fn(usize) -> bool) -> Self {
         let mut before = context.take::<u32>(columns * rows + 1);
         before[0] = 0;
@@ -53,7 +52,7 @@ impl Cover {
         }
         Self { columns, rows, tiles, before }
     }
-    /// The number of a tile among those that are covered, if it is.
+    /// Index of a tile among the covered tiles, if it is covered.
     pub(crate) fn slot(&self, tile: usize) -> Option<usize> {
         (self.before[tile + 1] > self.before[tile]).then_some(self.before[tile] as usize)
     }
@@ -77,8 +76,8 @@ pub(crate) const fn quad_origin(quad: usize) -> [usize; 2] {
     [quad % QUADS_ACROSS * QUAD, quad / QUADS_ACROSS * QUAD]
 }
 
-/// Quads, or lanes of one, whose bits are set. Iterate with `for`: closures may be compiled without
-/// the vector instructions of the machine.
+/// Quads, or lanes of one, with set bits. Iterate with `for`: closures may be compiled without the
+/// vector instructions of the machine.
 #[derive(Clone, Copy)]
 pub(crate) struct Bits(pub(crate) u16);
 
@@ -117,15 +116,15 @@ pub struct Frame {
     pub(crate) cover: Cover,
     /// Blended channels: [`tile_len`] quads for each covered tile.
     pub(crate) blended: Buffer<Quad>,
-    /// Reflections of the pixels, quad after quad, where rays were traced.
+    /// Reflections of the pixels, quad after quad, if rays were traced.
     pub(crate) reflections: Option<Buffer<Quad>>,
-    /// Light of lamps on the pixels, quad after quad, where there are any.
+    /// Light of lamps on the pixels, quad after quad, if there are any.
     pub(crate) direct: Option<Buffer<Quad>>,
     /// Colour of the picture, quad after quad, if it differs from the blended one.
     pub(crate) shaded: Option<Buffer<Quad>>,
     /// Colour of the picture after its exposure, quad after quad, if it has one.
     pub(crate) exposed: Option<Buffer<Quad>>,
-    /// For each intersection a bit for each quad in which the splat was seen.
+    /// For each intersection a bit for each quad in which the splat is visible.
     pub(crate) seen: Buffer<u16>,
 }
 
@@ -142,8 +141,8 @@ impl Frame {
     pub fn len_of_values(&self) -> usize {
         (self.channels + 1) * self.width * self.height
     }
-    /// Pixels of quads in which a splat was seen, over all splats: the least that blending
-    /// evaluates.
+    /// Pixels of quads with a visible splat, over all splats: a lower bound of the work of
+    /// blending.
     pub fn seen_pairs(&self) -> usize {
         BLOCK * self.seen.iter().map(|quads| quads.count_ones() as usize).sum::<usize>()
     }
@@ -151,7 +150,7 @@ impl Frame {
     pub fn covered_pixels(&self) -> usize {
         self.cover.tiles.len() * SIZE * SIZE
     }
-    /// A covered tile as it was blended.
+    /// Blended channels of a covered tile.
     pub(crate) fn tile(&self, slot: usize) -> &[Quad] {
         &self.blended[slot * tile_len(self.channels)..][..tile_len(self.channels)]
     }
@@ -163,7 +162,7 @@ impl Frame {
             None => self.color_before_exposure(slot, quad, c),
         }
     }
-    /// The same before [`mod@crate::stages::expose`].
+    /// Colour before [`mod@crate::stages::expose`].
     #[inline(always)]
     pub(crate) fn color_before_exposure(&self, slot: usize, quad: usize, c: usize) -> &Quad {
         match &self.shaded {
@@ -174,14 +173,14 @@ impl Frame {
     fn shown(&self, slot: usize, quad: usize, channel: usize) -> &Quad {
         if channel < RGB { self.color(slot, quad, channel) } else { &self.tile(slot)[at(self.channels, quad, channel)] }
     }
-    /// Planes of the picture, row by row: its channels, then transmittance, which is one where no
-    /// splat is. There are [`Frame::len_of_values`] numbers.
+    /// Planes of the picture, row by row: its channels, then transmittance, which is one without
+    /// splats. There are [`Frame::len_of_values`] numbers.
     pub fn read(&self, values: &mut [f32]) {
         let empty = |channel: usize| if channel < self.channels { 0.0 } else { 1.0 };
         self.read_planes(values, empty, |slot, quad, channel| self.shown(slot, quad, channel));
     }
 
-    /// Planes of quads of the covered tiles, and a number for all other pixels of each.
+    /// Planes from quads of the covered tiles, with one number for all other pixels of each.
     fn read_planes<'a>(
         &self,
         values: &mut [f32],
@@ -197,7 +196,7 @@ impl Frame {
         });
     }
 
-    /// The gradient of this picture from its planes, as [`FrameGrad::read`] gives them.
+    /// Gradient of this picture from its planes, the inverse of [`FrameGrad::read`].
     pub fn grad(&self, planes: &[f32]) -> FrameGrad {
         let mut values = self.blended.clone();
         values.fill([0.0; BLOCK]);
@@ -214,7 +213,7 @@ impl Frame {
         }
         FrameGrad { channels: self.channels, values }
     }
-    /// Covered tile, quad and lane of every pixel, and of those that fill tiles up.
+    /// Covered tile, quad and lane of every pixel, including the padding of tiles.
     fn lanes_of_tiles(&self) -> impl Iterator<Item = (usize, usize, usize)> + use<> {
         let quads = (0..self.cover.tiles.len()).flat_map(|slot| (0..QUADS).map(move |quad| (slot, quad)));
         quads.flat_map(|(slot, quad)| (0..BLOCK).map(move |lane| (slot, quad, lane)))
@@ -247,8 +246,7 @@ pub struct FrameGrad {
 
 #[cfg(feature = "testing")]
 impl FrameGrad {
-    /// Plane by plane and row by row, as [`Frame::read`] gives the frame that it belongs to; zero
-    /// without a splat.
+    /// Planes row by row, like those of [`Frame::read`]; zero without a splat.
     pub fn read(&self, frame: &Frame, values: &mut [f32]) {
         let len = tile_len(self.channels);
         frame.read_planes(

@@ -1,4 +1,4 @@
-//! Sixteen `f32` side by side as one of core's numbers, on the machine's widest vectors.
+//! Sixteen `f32` as a number type of core, on the machine's widest vectors.
 
 use core::{
     fmt,
@@ -67,7 +67,7 @@ impl<S: Simd> Lanes<S> {
     pub fn any_positive(self) -> bool {
         self.0.simd_gt(f32x16::splat(self.0.simd, 0.0)).any_true()
     }
-    /// The first `count` lanes, and zeros behind them.
+    /// The first `count` lanes, followed by zeros.
     #[inline(always)]
     pub(crate) fn keep_first(self, count: usize) -> Self {
         if count >= BLOCK {
@@ -93,10 +93,10 @@ pub fn store3<S: Simd>(v: Vec3<Lanes<S>>, block: &mut [f32], plane: usize) {
     v.z.store(&mut block[(plane + 2) * BLOCK..]);
 }
 
-/// The sum of each of some lanes, in a fixed order, as many numbers as there are lanes to sum.
+/// Sums of several lanes, in a fixed order, one number for each.
 ///
-/// Neighbours fold into one until each lane holds one of the sums: a quarter of the work of summing
-/// one by one.
+/// Neighbours are added pairwise until each lane contains one of the sums: a quarter of the work of
+/// separate sums.
 #[inline(always)]
 pub(crate) fn sum_each<S: Simd>(all: &[Lanes<S>], out: &mut [f32]) {
     for (lanes, out) in all.chunks(BLOCK).zip(out.chunks_mut(BLOCK)) {

@@ -1,10 +1,10 @@
-//! specula's stages on rayon, with SIMD lanes: how the core's formulas are scheduled on a CPU.
+//! specula's stages on rayon, with SIMD lanes: schedules of core's formulas on a CPU.
 //!
-//! Files are named for stages, as in the core. Gaussians go through `project` and `shade`
-//! sixteen at a time, tiles through `bin` and `blend` a quad of four by four pixels at a
-//! time. Pictures are kept tile by tile, and only tiles that a splat touches ([`frame`]). Stages
-//! take their memory from pools, and their results give it back. Nothing depends on the number of
-//! threads: work is divided into parts of fixed size, and sums run over the parts in order.
+//! Files are named for stages, as in the core. Gaussians go through `project` and `shade` sixteen
+//! at a time, tiles through `bin` and `blend` a quad of four by four pixels at a time. Pictures are
+//! stored tile by tile, only for tiles that a splat touches ([`frame`]). Stages take their memory
+//! from pools, and dropped results return it. Results do not depend on the number of threads: work
+//! is divided into parts of fixed size, and sums run over the parts in order.
 //!
 //! A white Gaussian on black, from the front:
 //!

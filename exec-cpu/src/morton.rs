@@ -1,4 +1,4 @@
-//! Morton order of clouds.
+//! Morton order of Gaussians.
 
 use rayon::prelude::*;
 use specula_core::{
@@ -13,8 +13,8 @@ pub(crate) fn codes(gaussians: &Gaussians<Vec<f32>>) -> Vec<u32> {
     (0..gaussians.count).into_par_iter().map(|index| bounds.code(mean(index))).collect()
 }
 
-/// Sorts a cloud so that neighbours in space are neighbours in memory, which every stage is faster
-/// with. A picture changes only where two splats are equally deep.
+/// Sorts Gaussians so that neighbours in space are neighbours in memory, which speeds up every
+/// stage. A picture changes only where two splats have equal depth.
 pub fn sort_in_space(gaussians: &mut Gaussians<Vec<f32>>) {
     let codes = codes(gaussians);
     let mut order: Vec<u32> = (0..gaussians.count as u32).collect();
@@ -22,7 +22,7 @@ pub fn sort_in_space(gaussians: &mut Gaussians<Vec<f32>>) {
     gaussians.values = gather(gaussians, &gaussians.values, order.len(), |index| Some(order[index] as usize));
 }
 
-/// A cloud of `count` whose Gaussian at each place is that of `source`, or zero for none.
+/// `count` Gaussians, each a copy of the one that `source` returns, or zero for none.
 pub(crate) fn gather(
     like: &Gaussians<Vec<f32>>,
     old: &[f32],

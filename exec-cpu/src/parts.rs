@@ -1,5 +1,4 @@
-//! Work in parts: data cut into pieces of any lengths, which threads visit without a list of
-//! pieces.
+//! Work in parts: data in pieces of any lengths, which threads visit without a list of pieces.
 
 /// Data that can be split in two.
 pub(crate) trait Parts: Sized + Send {
@@ -16,11 +15,11 @@ pub(crate) struct Pieces<'a, T> {
 }
 
 impl<'a, T> Pieces<'a, T> {
-    /// A slice whose part `k` begins at `start_of(k)`, the first of them at 0.
+    /// Slice with parts that begin at `start_of(k)`, the first at 0.
     pub(crate) fn new(values: &'a mut [T], start_of: &'a (dyn Fn(usize) -> usize + Sync)) -> Self {
         Self { values, first: 0, start_of }
     }
-    /// The one part that is left.
+    /// The only remaining part.
     pub(crate) fn only(self) -> &'a mut [T] {
         self.values
     }

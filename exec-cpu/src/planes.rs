@@ -26,8 +26,8 @@ impl Planes {
     pub(crate) fn new(context: &Context, [columns, rows]: [usize; 2], count: usize) -> Self {
         Self { columns, rows, count, values: context.take::<Row>(columns * rows * count * SIZE) }
     }
-    /// All planes, row of tiles by row of tiles, and where each row of tiles begins. There a plane
-    /// follows another, and in each [`plane_start`] says where a tile lies.
+    /// All planes, row of tiles by row of tiles, and the start of each row of tiles. In a row of
+    /// tiles one plane follows another, and [`plane_start`] is the start of a tile in each.
     pub(crate) fn parts(&mut self) -> (&mut [Row], impl Fn(usize) -> usize + Sync + use<>) {
         let len = self.columns * self.count * SIZE;
         (&mut self.values, move |row| row * len)
@@ -38,7 +38,7 @@ impl Planes {
         let row_start = row * self.columns * self.count * SIZE;
         &self.values[row_start + plane_start(self.columns, plane, column)..][..SIZE]
     }
-    /// The rows of a plane in the columns of a tile, as many above as below it, in the terms of
+    /// Rows of a plane in the columns of a tile, the same number above as below, as in
     /// [`Planes::read_window`].
     #[inline(always)]
     pub(crate) fn rows_around<const ROWS: usize>(
@@ -49,7 +49,7 @@ impl Planes {
     ) -> [&Row; ROWS] {
         let mut rows = [&[0.0; SIZE]; ROWS];
         for (down, (first, count, from)) in bands(ROWS).into_iter().enumerate() {
-            // Above the first row this wraps to a number that no grid has.
+            // Above the first row this wraps to an index beyond any grid.
             let tile_row = (row + down).wrapping_sub(1);
             if tile_row < self.rows && is_written(tile_row * self.columns + column) {
                 let source = &self.plane([column, tile_row], plane)[from..from + count];
@@ -59,8 +59,8 @@ impl Planes {
         rows
     }
     /// A plane of a tile with some rows above and below and half a row to the left and right, into
-    /// `window`: its `ROWS` are [`SIZE`] and twice as many more as it reaches up or down. Beyond
-    /// the picture, and in tiles that were not written, everything is zero.
+    /// `window`: `ROWS` is [`SIZE`] plus the rows above and below. Outside of the picture, and in
+    /// tiles that were not written, everything is zero.
     #[inline(always)]
     pub(crate) fn read_window<const ROWS: usize>(
         &self,
@@ -72,7 +72,7 @@ impl Planes {
         for (down, (first, count, from)) in bands(ROWS).into_iter().enumerate() {
             let rows = &mut window[first..first + count];
             for across in 0..3 {
-                // Beyond the first row or column these wrap to numbers that no grid has.
+                // Beyond the first row or column these wrap to indices beyond any grid.
                 let (tile_column, tile_row) = ((column + across).wrapping_sub(1), (row + down).wrapping_sub(1));
                 let is_inside = tile_column < self.columns && tile_row < self.rows;
                 if is_inside && is_written(tile_row * self.columns + tile_column) {
@@ -86,14 +86,14 @@ impl Planes {
     }
 }
 
-/// For the row of tiles above, a tile's own and that below: the first of `rows` rows around the
-/// tile that it fills, how many they are, and the first of the tile's own rows that they show.
+/// For the row of tiles above, the tile's own and the one below: first of the `rows` window rows
+/// that it fills, their number, and the first row of the source tile.
 const fn bands(rows: usize) -> [(usize, usize, usize); 3] {
     let reach = (rows - SIZE) / 2;
     [(0, reach, SIZE - reach), (reach, SIZE, 0), (reach + SIZE, reach, 0)]
 }
 
-/// The part of wide rows that a tile shows: the left neighbour, the tile itself, or the right one.
+/// Part of wide rows from one tile: the left neighbour, the tile itself, or the right one.
 #[inline(always)]
 fn copy_part(across: usize, rows: &mut [WideRow], source: &[Row]) {
     let rows = rows.iter_mut().zip(source);

@@ -1,4 +1,4 @@
-//! Stages of the pipeline, each in the file of its name: core's formulas over lanes, divided among
+//! Stages of the pipeline, each in its own file: core's formulas over lanes, distributed over
 //! threads.
 
 pub mod bin;

@@ -98,15 +98,14 @@ impl Precision for Storage {
     }
 }
 
-/// Runs the stages on a device of wgpu.
+/// Executor on a device of wgpu.
 ///
 /// The parameter is the storage format. With [`Full`] precision it is an [`Executor`], which
 /// renders and trains; with a [`Storage`] chosen at run time it is a [`Renderer`], which may store
 /// Gaussians and lights as halves.
 ///
 /// Contributions of single pixels and Gaussians to the gradient of a texel of the light are clamped
-/// to ± 2¹⁸, where the CPU adds them without limit: sums of them are integers, which do not depend
-/// on their order.
+/// to ± 2¹⁸, unlike on the CPU: they are summed as integers, independent of the order.
 #[derive(Debug)]
 pub struct GpuExecutor<P = Full> {
     pub(crate) context: Context,
@@ -115,11 +114,11 @@ pub struct GpuExecutor<P = Full> {
     order: BlendOrder,
     /// Weights of the last prefilter.
     weights: Option<Arc<Weights>>,
-    /// Texels of the last light that is a network.
+    /// Texels of the last network light.
     network: Option<Arc<NetworkTexels>>,
     /// Counters of the current training step.
     pub(crate) counters: StepCounters,
-    /// Capacity of training steps, once the first has counted its pairs.
+    /// Capacity of training steps, after the first has counted its pairs.
     pub(crate) capacity: Option<Capacity>,
     /// Capacity of pictures that are read later; `None` if each counts its pairs first.
     picture_capacity: Option<Capacity>,
@@ -143,20 +142,19 @@ impl GpuExecutor<Storage> {
         Self::with_precision(gpu, storage)
     }
 
-    /// Sets the format of Gaussians and lights that are stored from now on.
+    /// Sets the storage format of later Gaussians and lights.
     pub fn set_storage(&mut self, storage: Storage) {
         self.precision = storage;
     }
 
     /// Prepares to read pictures without blocking, only by [`GpuExecutor::read_frame_later`]: their
-    /// splats are sorted with the capacity that earlier ones needed.
+    /// splats are sorted with the capacity of earlier ones.
     pub fn read_later(&mut self) {
         self.picture_capacity = Some(Capacity::default());
     }
 
-    /// Planes of a frame, as [`Renderer::read_frame`] has them, once the device is done; `None` if
-    /// the frame has more splats than those before: then render it again, after
-    /// [`GpuExecutor::grant`].
+    /// Planes of a frame in the order of [`Renderer::read_frame`], after the device is done; `None`
+    /// if the frame exceeded the capacity: then render it again, after [`GpuExecutor::grant`].
     ///
     /// # Errors
     ///
@@ -181,13 +179,13 @@ impl GpuExecutor<Storage> {
         })
     }
 
-    /// Grants the pictures that follow what one needed, and a quarter more.
+    /// Grants later pictures the capacity of one picture plus a quarter.
     pub fn grant(&mut self, FrameCapacity(needed): FrameCapacity) {
         self.picture_capacity = Some(needed.grown(self.picture_capacity, &self.context.gpu));
     }
 
-    /// Sets the order of splats in a pixel for the pictures that follow. Splats that were projected
-    /// before must not be used any more.
+    /// Sets the order of splats in a pixel for later pictures. Splats that were projected before
+    /// must no longer be used.
     pub fn set_order(&mut self, order: BlendOrder) {
         self.order = order;
     }
@@ -266,7 +264,7 @@ impl<P> GpuExecutor<P> {
         self.context.kernel_times()
     }
 
-    /// Measures the peak rates of the device; `None` where kernels cannot be timed. Discards the
+    /// Measures the peak rates of the device; `None` if kernels cannot be timed. Discards the
     /// durations of kernels so far, and ends their timing.
     ///
     /// # Errors
@@ -301,8 +299,8 @@ impl<P> GpuExecutor<P> {
 }
 
 impl<P: Precision> GpuExecutor<P> {
-    /// Evaluates a light that is a network. Does not check that weights are finite, as they are on
-    /// the device.
+    /// Evaluates a network light. Does not check that weights are finite, because they are on the
+    /// device.
     fn evaluate_network(
         &mut self,
         environment: &Environment<ChunkedArray>,
@@ -659,7 +657,7 @@ mod tests {
         gaussians
     }
 
-    /// Result of a future that is ready once the device is done.
+    /// Result of a future that is ready after the device is done.
     fn waited<T>(exec: &GpuExecutor<Storage>, later: impl Future<Output = T>) -> T {
         exec.gpu().wait().expect("the device is there");
         let mut later = pin!(later);

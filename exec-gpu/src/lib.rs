@@ -1,8 +1,8 @@
 //! specula's stages on wgpu: any GPU, or a software driver.
 //!
 //! * `device`: adapters, memory, compilation and recording of kernels;
-//! * `codegen`: WGSL functions from core's formulas, which are traced with a number that records
-//!   its operations;
+//! * `codegen`: WGSL functions from core's formulas, traced with a number that records its
+//!   operations;
 //! * `stages`: for each stage of the pipeline its dispatches, formulas and kernels. Kernels only
 //!   schedule formulas: they assign work to invocations, load and store;
 //! * [`GpuExecutor`]: the stages under core's contract; [`Composer`]: frames in another program's
@@ -10,7 +10,7 @@
 //!
 //! Adapters need nothing beyond WebGPU's limits and features.
 //!
-//! The bindings of a kernel are read off its source; its variants are compiled on first use and
+//! The bindings of a kernel are parsed from its source; its variants are compiled on first use and
 //! cached. Arrays return to a pool when dropped.
 #![forbid(unsafe_code)]
 #![cfg_attr(

@@ -472,7 +472,7 @@ fn networks_that_would_be_read_for_ever() {
         fs::write(&file, bytes).unwrap();
         let mut command = specula();
         command.arg("eval").arg(&model).arg("--lpips").arg(&file).arg("--quiet");
-        refuses(command, &["network.onnx", "no ONNX model", "lpips-onnx.py"]);
+        refuses(command, &["network.onnx", "not an ONNX model", "lpips-onnx.py"]);
     }
 }
 

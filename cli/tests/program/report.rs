@@ -110,18 +110,18 @@ fn pictures_within_an_error_come_with_a_certificate() {
     let measured: f64 = certificate.split_whitespace().nth(1).unwrap().parse().unwrap();
     assert!(certificate.starts_with("error ") && measured <= 0.02, "{certificate}");
     let verified = said.lines().nth(2).unwrap();
-    assert!(verified.starts_with("verified ") && verified.contains("none is further off than 2e-2"), "{verified}");
+    assert!(verified.starts_with("verified ") && verified.contains("errors are at most 2e-2"), "{verified}");
     assert!(tiny.path("pictures/rgb/00002.png").is_file(), "pictures are missing");
     let trusted = printed(render("0.02").arg("--no-verify"));
     assert!(trusted.lines().nth(1) == Some(certificate) && trusted.contains("not verified"), "{trusted}");
     assert_eq!(said, printed(render("0.02").args(["--threads", "1"])), "the choice does not depend on threads");
 
     let sorted = printed(render("0.02").args(["--order", "pixel"]));
-    assert!(sorted.contains("none is further off than 2e-2"), "{sorted}");
+    assert!(sorted.contains("errors are at most 2e-2"), "{sorted}");
 
     let refused = render("1e-9").assert().code(2).get_output().clone();
     let words = String::from_utf8(refused.stderr).unwrap();
-    assert!(words.contains("cannot be kept") && words.contains("use --max-error "), "{words}");
+    assert!(words.contains("cannot be guaranteed") && words.contains("use --max-error "), "{words}");
     render("0").assert().code(2);
     specula().arg("render").arg(tiny.path("model")).arg("--no-verify").assert().code(2);
 }
@@ -142,5 +142,5 @@ fn a_training_ends_with_a_certificate_and_the_same_model() {
     assert!(default == within, "looking for a setting changes no training");
 
     let said = printed(train(&tiny, "too close").args(["--max-error", "1e-9"]));
-    assert!(!said.contains("error "), "what cannot be kept is a note, and the model is there: {said}");
+    assert!(!said.contains("error "), "an error that cannot be guaranteed is only a note: {said}");
 }

@@ -656,7 +656,7 @@ fn what_is_odd_about_a_light_is_said_of_the_name_that_was_dropped() {
     let site = Site::of(&trained(&tiny), &["--quiet"]);
     let notes = site.post("/light?name=odd.exr", &odd(&tiny)).json()["notes"].clone();
     let notes: Vec<&str> = notes.as_array().unwrap().iter().map(|note| note.as_str().unwrap()).collect();
-    assert_eq!(notes[0], "4 numbers in \"odd.exr\" are no radiance and were replaced: 1 NaN, 1 infinite, 2 negative");
+    assert_eq!(notes[0], "replaced 4 invalid numbers in \"odd.exr\": 1 NaN, 1 infinite, 2 negative");
     assert!(notes.len() == 2 && notes[1].starts_with("\"odd.exr\" has 16 × 4 pixels"), "{notes:?}");
 }
 

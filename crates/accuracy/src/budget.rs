@@ -9,18 +9,18 @@
 //! |P − T| ≤ |P − X| + |X − T|
 //! ```
 //!
-//! The first term is measured in every pixel of a view, on the tiles of that very picture: a sample
-//! of pixels would miss what a cutoff removes elsewhere, and a crop has other tiles, where other
-//! splats are cut. The second term is only rounding; it is measured in `f64` in a window of each
-//! view and multiplied by `ROUNDING_MARGIN`. A picture is within an error E of T where |P − X| is
-//! at most E less that margin.
+//! The first term is measured in every pixel of a view, on the tiles of that picture: a sample of
+//! pixels would miss cutoffs elsewhere, and a crop has other tiles with other cutoffs. The second
+//! term is only rounding; it is measured in `f64` in a window of each view and multiplied by
+//! `ROUNDING_MARGIN`. A picture is within an error E of T if |P − X| is at most E minus that
+//! margin.
 //!
-//! Each parameter is varied with all others at their most exact value, then all together, each at
-//! its cheapest value whose own error is within a bound. The bound starts at the whole error, since
-//! errors of parameters seldom add up, and falls until the setting holds in each view that it was
-//! chosen on. The setting is then validated on the other views; where it fails, the worst of these
-//! joins the views that it is chosen on, and the search continues. Costs are operation counts, so
-//! that the choice is the same on every machine and in every run.
+//! Each parameter is first varied with all others at their most exact value. Then all are combined,
+//! each at the cheapest value with an error within a bound. The bound starts at the whole error,
+//! since errors of parameters seldom add up, and decreases until the setting holds in each
+//! selection view. The setting is then validated on the other views; if it fails, the worst of
+//! these becomes a selection view, and the search continues. Costs are operation counts, so the
+//! choice is the same on every machine and in every run.
 
 use crate::{
     reference::Reference,
@@ -37,9 +37,9 @@ use specula_train::evaluate::over_background;
 const BOUND_RATIO: f64 = 0.7;
 /// Number of bounds.
 const BOUND_COUNT: usize = 16;
-/// Share of the allowed error that a setting may use, so that unseen views are seldom beyond it.
+/// Share of the allowed error that a setting may use, so that unseen views seldom exceed it.
 const ERROR_SHARE: f64 = 0.8;
-/// Largest number of views, and of their pixels together.
+/// Largest number of views, and of their pixels in total.
 const VIEWS_MAX: usize = 16;
 const PIXELS_MAX: usize = 16_000_000;
 /// Every Nth view is used to choose a setting at first.
@@ -50,23 +50,23 @@ const MISSES_MAX: usize = 2;
 /// Edge of a tile, and of the window in which rounding is measured, in pixels.
 const TILE: usize = TILE_SIZE as usize;
 const WINDOW: usize = 2 * TILE;
-/// Ratio of the rounding of a picture to that of its worst window, at most. A picture's rounding is
-/// a mean over all windows; the measured ones are those with the largest cuts, and so with the most
-/// splats.
+/// Upper bound of the ratio between the rounding of a picture and of its worst window. A picture's
+/// rounding is a mean over all windows; the measured ones are those with the largest cuts, and so
+/// with the most splats.
 const ROUNDING_MARGIN: f64 = 2.0;
-/// Parameters that change neither the cost of a picture with filtered light, nor its colours.
+/// Parameters without effect on the colours or on the cost of a picture with filtered light.
 const FREE_PARAMETERS: [&str; 4] = ["storage", "prefilter", "light", "channels"];
 
-/// A chosen setting with the evidence for it.
+/// Chosen setting with its measurements.
 #[derive(Clone, Copy, Debug)]
 pub struct Certificate {
     /// The setting.
     pub setting: Setting,
     /// Requested error of each picture: root mean square of sRGB colours in \[0, 1\].
     pub asked: f64,
-    /// Distance of the most exact pictures in `f32` from those in `f64`, at most.
+    /// Upper bound of the distance between the most exact pictures in `f32` and those in `f64`.
     pub rounding: f64,
-    /// Bounds on the views that the setting was chosen on.
+    /// Bounds on the selection views.
     pub chosen_by: Bounds,
     /// Bounds on the other views.
     pub tried_on: Bounds,
@@ -75,14 +75,14 @@ pub struct Certificate {
 }
 
 impl Certificate {
-    /// Distance from the most exact picture in `f32` that keeps a picture within the requested
+    /// Allowed distance from the most exact picture in `f32` for a picture within the requested
     /// error of the one in `f64`.
     pub fn allowed(&self) -> f64 {
         self.asked - self.rounding
     }
 }
 
-/// Distances of pictures from exact ones as root mean squares, at most; zero without views.
+/// Upper bounds of distances to exact pictures, as root mean squares; zero without views.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bounds {
     /// Number of views.
@@ -108,7 +108,7 @@ impl Bounds {
 /// Error of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Refusal {
-    /// Even the most exact setting may be this far off; infinite for pictures with numbers that are
+    /// Even the most exact setting may have this error; infinite for pictures with numbers that are
     /// not finite.
     TooClose(f64),
     /// The CPU executor failed.
@@ -127,23 +127,23 @@ pub(crate) fn tile_of(camera: &Camera, [x, y]: [u32; 2], size: [u32; 2]) -> Came
     Camera { principal_px, width: size[0], height: size[1], ..*camera }
 }
 
-/// Evenly spread views of a subject: fewer where they are large, but at least two, so that one
-/// remains for validation.
+/// Evenly spread views of a subject: fewer if they are large, but at least two, so that one remains
+/// for validation.
 fn spread(cameras: &[Camera]) -> Vec<Camera> {
     let largest = cameras.iter().map(|camera| camera.width as usize * camera.height as usize).max().unwrap_or(1);
     let count = (PIXELS_MAX / largest.max(1)).clamp(2, VIEWS_MAX).min(cameras.len());
     (0..count).map(|k| cameras[k * cameras.len() / count]).collect()
 }
 
-/// Root mean square distance of two pictures of a view over a background; infinite where a number
-/// is not finite.
+/// Root mean square distance of two pictures of a view over a background; infinite if a number is
+/// not finite.
 pub(crate) fn apart(rendered: &Image<Vec<f32>>, exact: &[f32], background: [f32; 3]) -> f64 {
     root_mean_square(
         over_background(rendered, background).iter().zip(exact).map(|(a, b)| f64::from(*a) - f64::from(*b)),
     )
 }
 
-/// Root mean square; infinite where a number is not finite.
+/// Root mean square; infinite if a number is not finite.
 pub(crate) fn root_mean_square(differences: impl ExactSizeIterator<Item = f64>) -> f64 {
     let count = differences.len().max(1) as f64;
     let mean = differences.map(|x| x * x).sum::<f64>() / count;
@@ -159,7 +159,7 @@ fn largest(numbers: &[f64]) -> f64 {
 ///
 /// # Errors
 ///
-/// [`Refusal::TooClose`] where even the rounding may be as large, [`Refusal::Failed`] where the CPU
+/// [`Refusal::TooClose`] if the rounding may already be as large, [`Refusal::Failed`] if the CPU
 /// executor fails.
 pub fn cheapest_within(subject: &Subject, reference: &Reference, error: f64) -> Result<Certificate, Refusal> {
     let mut trial = Trial::under(subject.clone(), reference)?;
@@ -240,7 +240,7 @@ struct Search<'a> {
     /// Allowed distance from the most exact pictures.
     allowed: f64,
     views: Vec<MeasuredView>,
-    /// Views that the setting is chosen on.
+    /// Selection views.
     chosen_by: Vec<usize>,
     trials: Vec<(Parameter, Vec<Tried>)>,
 }
@@ -281,7 +281,7 @@ impl<'a> Search<'a> {
         Ok(Certificate { setting, asked, rounding, chosen_by, tried_on, work })
     }
 
-    /// Varies each parameter in a view, which joins the views that the setting is chosen on.
+    /// Varies each parameter in a view, which becomes a selection view.
     fn learn(&mut self, view: usize) -> Result<(), Refusal> {
         let mut trials = core::mem::take(&mut self.trials);
         for (_, tried) in &mut trials {
@@ -319,8 +319,8 @@ impl<'a> Search<'a> {
         Ok(self.exact)
     }
 
-    /// View with the largest error of a setting, and that error, among the views that it is chosen
-    /// on or among the others.
+    /// View with the largest error of a setting, and that error, among the selection views or among
+    /// the others.
     fn worst(&mut self, setting: &Setting, chosen_by: bool) -> Result<(Option<usize>, f64), Refusal> {
         let mut worst = (None, 0.0);
         for view in (0..self.views.len()).filter(|view| self.chosen_by.contains(view) == chosen_by).collect::<Vec<_>>()
@@ -364,7 +364,7 @@ mod tests {
     /// Width and height of views in pixels, larger than windows.
     const LARGE: u32 = 128;
     const SMALL: u32 = 48;
-    /// Tolerance of pictures that are equal in `f64` but for principal points in `f32`.
+    /// Tolerance of pictures that are equal in `f64` up to principal points in `f32`.
     const SAME: f64 = 1e-6;
 
     /// A view from a point of a circle.
@@ -408,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn under_the_light_of_exact_pictures_nothing_but_rounding_is_left() {
+    fn under_the_light_of_exact_pictures_only_rounding_remains() {
         let subject = subject(LIT, SMALL);
         let reference = Reference::new(&subject);
         let views = [(subject.cameras[0], reference.view(&subject, &subject.cameras[0]))];
@@ -425,7 +425,7 @@ mod tests {
     #[test]
     fn an_empty_scene_is_exact() {
         let nothing = Subject { gaussians: random_cloud(0, Layout::shaded(Some(1)), 0), ..subject(LIT, SMALL) };
-        let certificate = cheapest(&nothing, 1e-6).expect("there is nothing to get wrong");
+        let certificate = cheapest(&nothing, 1e-6).expect("an empty picture has no error");
         assert_eq!(certificate.tried_on.worst, 0.0, "{certificate:?}");
     }
 
@@ -435,7 +435,7 @@ mod tests {
         let cost = |error: f64| cheapest(&subject, error).expect("it can be met").work[0].cost();
         let costs = [0.001, 0.01, 0.1].map(cost);
         assert!(costs[0] >= costs[1] && costs[1] >= costs[2], "{costs:?}");
-        assert!(costs[2] < 0.9 * costs[0], "something is saved: {costs:?}");
+        assert!(costs[2] < 0.9 * costs[0], "a larger error saves work: {costs:?}");
     }
 
     #[test]
@@ -465,15 +465,15 @@ mod tests {
     }
 
     #[test]
-    fn unreachable_errors_are_refused_with_the_least_reachable_one() {
+    fn unreachable_errors_are_rejected_with_the_smallest_reachable_one() {
         let subject = subject(5, SMALL);
         let Err(Refusal::TooClose(least)) = cheapest(&subject, 1e-12) else { panic!("f32 has no 12 digits") };
         assert!(least > 1e-12 && least < 1e-4, "{least}");
-        assert!(cheapest(&subject, 1.01 * least).is_ok(), "a little more can be kept");
+        assert!(cheapest(&subject, 1.01 * least).is_ok(), "a slightly larger error is possible");
     }
 
     #[test]
-    fn views_are_chosen_by_or_tried_on_and_never_both() {
+    fn views_serve_selection_or_validation_but_not_both() {
         let cameras = subject(7, SMALL).cameras;
         for count in [1, 2, 5, 8] {
             let subject = Subject { cameras: cameras[..count].to_vec(), ..subject(7, SMALL) };

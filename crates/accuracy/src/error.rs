@@ -42,7 +42,7 @@ pub struct Errors {
     pub flip: f64,
     /// 99.9th percentile of the differences.
     pub p999: f64,
-    /// Mean angle between normals in degrees, where at least half of a pixel is covered.
+    /// Mean angle between normals in degrees, over pixels with a coverage of at least one half.
     pub normal_mae: f64,
     /// Count of numbers that are not finite.
     pub nonfinite: usize,
@@ -60,7 +60,7 @@ impl Errors {
 ///
 /// # Errors
 ///
-/// [`CpuError`], where a picture cannot be rendered.
+/// [`CpuError`] if a picture cannot be rendered.
 pub fn errors_of(
     trial: &mut Trial<'_>,
     subject: &Subject,

@@ -1,7 +1,7 @@
 //! Pareto front of settings by error and cost.
 
-/// Indices of Pareto-optimal points (error, cost) by increasing error. Of equal points the first is
-/// taken; points with NaN are excluded.
+/// Indices of Pareto-optimal points (error, cost) by increasing error. Of equal points only the
+/// first is kept; points with NaN are excluded.
 pub fn pareto(points: &[[f64; 2]]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len()).filter(|k| points[*k].iter().all(|x| !x.is_nan())).collect();
     order.sort_by(|a, b| {

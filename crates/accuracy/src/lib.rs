@@ -5,7 +5,7 @@
 //! * [`setting`]: the parameters of rendering and their values
 //! * [`trial`]: a scene under a setting: pictures, stage times, operation counts
 //! * [`error`]: metrics of a picture against the exact one ([`mod@flip`])
-//! * [`mod@lpips`]: perceptual distance by a network whose weights are in a file
+//! * [`mod@lpips`]: perceptual distance by a network from a file
 //! * [`front`]: Pareto-optimal settings
 //! * [`budget`]: the cheapest setting within an error, validated on other views
 //! * [`verify`]: pictures within an error, each compared with the most exact one in `f32`

@@ -4,14 +4,14 @@
 //! The network is an ONNX file with its weights. Its inputs are two pictures as floats of shape (1,
 //! 3, height, width) in sRGB from 0 to 1, its output is one number. Normalisation is part of the
 //! file: published tables use networks for colours from −1 to 1 with inputs from 0 to 1.
-//! `scripts/lpips-onnx.py` exports such files from the reference package. Their metadata names the
-//! `network` and holds as `check` the distance of the pictures of [`check_pictures`], which is
-//! verified on reading.
+//! `scripts/lpips-onnx.py` exports such files from the reference package. Their metadata contains
+//! the name of the `network` and, as `check`, the distance of the pictures of [`check_pictures`],
+//! which is verified on reading.
 //!
 //! The runtime is rten: a dozen crates that compile in half a minute of a core (one of tract's
 //! needs more than three minutes). Tests compare it with values of the reference package, for
-//! networks of few channels and random weights. Runtimes have faults too: rten 0.24 rounded the
-//! windows of SqueezeNet wrongly, an error of 1 %. Network files therefore carry a check that is
+//! networks of few channels and random weights. Runtimes also have bugs: rten 0.24 rounded the
+//! windows of SqueezeNet wrongly, an error of 1 %. Network files therefore contain a check that is
 //! computed on loading.
 
 use crate::wire;
@@ -51,8 +51,8 @@ impl Network {
     ///
     /// The fault of the file.
     pub fn from_bytes(bytes: Vec<u8>) -> Result<Self, Unfit> {
-        wire::check(&bytes).map_err(|what| Unfit(format!("it is no ONNX model: {what}")))?;
-        let model = Model::load(bytes).map_err(|error| Unfit(format!("it is no ONNX model: {error}")))?;
+        wire::check(&bytes).map_err(|what| Unfit(format!("it is not an ONNX model: {what}")))?;
+        let model = Model::load(bytes).map_err(|error| Unfit(format!("it is not an ONNX model: {error}")))?;
         let (&[one, other], &[distance]) = (model.input_ids(), model.output_ids()) else {
             let [pictures, numbers] = [model.input_ids().len(), model.output_ids().len()];
             return Err(Unfit(format!(
@@ -73,16 +73,16 @@ impl Network {
     /// Compares the network's distance of the check pictures with the file's.
     fn check(&self) -> Result<(), Unfit> {
         let Some(word) = self.model.metadata().get("check") else { return Ok(()) };
-        let expected: f64 = word.parse().map_err(|_| Unfit(format!("its check {word:?} is no number")))?;
+        let expected: f64 = word.parse().map_err(|_| Unfit(format!("its check {word:?} is not a number")))?;
         let [one, other] = check_pictures();
         let distance = self.distance(&one, &other)?;
         if (distance - expected).abs() <= CHECK * expected.abs() {
             return Ok(());
         }
-        Err(Unfit(format!("it should say {expected} of the pictures of its check, and says {distance}")))
+        Err(Unfit(format!("it returns {distance} for its check pictures instead of {expected}")))
     }
 
-    /// Name and input range of the network, where the file states them.
+    /// Name and input range of the network, if the file states them.
     pub fn name(&self) -> Option<&str> {
         self.model.metadata().get("network")
     }
@@ -92,8 +92,8 @@ impl Network {
     ///
     /// # Errors
     ///
-    /// Pictures that are too small for the last layer, of a size that the network does not accept,
-    /// or with numbers that are not finite; output that is not one finite number.
+    /// Pictures that are too small for the last layer, have a size that the network does not
+    /// accept, or numbers that are not finite; output other than one finite number.
     pub fn distance(&self, one: &Image<Vec<f32>>, other: &Image<Vec<f32>>) -> Result<f64, Unfit> {
         assert_eq!([one.width, one.height], [other.width, other.height], "pictures of equal size are compared");
         // Max-pooling layers drop NaN.
@@ -108,8 +108,8 @@ impl Network {
         let numbers = Tensor::<f32>::try_from(distance).map(|tensor| tensor.to_vec()).unwrap_or_default();
         match numbers[..] {
             [number] if number.is_finite() => Ok(f64::from(number)),
-            [number] => Err(Unfit(format!("it says {number} of two pictures"))),
-            _ => Err(Unfit(format!("it says {} numbers of two pictures, not one", numbers.len()))),
+            [number] => Err(Unfit(format!("it returns {number} for two pictures"))),
+            _ => Err(Unfit(format!("it returns {} numbers for two pictures, not one", numbers.len()))),
         }
     }
 }

@@ -19,7 +19,7 @@ pub const SCALES: [f64; 3] = [0.01, 0.03, 0.1];
 
 /// Shapes: name, thickness and tilt.
 pub const SHAPES: [(&str, f64, f64); 3] =
-    [("ball", 1.0, 0.0), ("disc that faces the eye", 1e-3, 0.0), ("disc turned by 60°", 1e-3, 60.0)];
+    [("ball", 1.0, 0.0), ("disc facing the eye", 1e-3, 0.0), ("disc turned by 60°", 1e-3, 60.0)];
 
 /// Largest alpha error of an opaque Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,7 +50,7 @@ fn row((name, thickness, tilt): (&'static str, f64, f64), degrees: f64, scale: f
     OffAxis { shape: name, degrees, scale, affine: apart(&affine, &ray), tangent: apart(&tangent, &ray) }
 }
 
-/// Rotation about y that faces the eye, then the tilt.
+/// Rotation about y towards the eye, then the tilt.
 fn shape(degrees: f64, scale: f64, thickness: f64, tilt: f64) -> Shape<Double> {
     let (sin, cos) = degrees.to_radians().sin_cos();
     let (half_sin, half_cos) = (0.5 * (degrees + tilt).to_radians()).sin_cos();

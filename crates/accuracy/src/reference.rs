@@ -43,7 +43,7 @@ pub struct Exact {
 }
 
 impl Reference {
-    /// Filters the light from finer nodes than the executors do.
+    /// Filters the light from finer nodes than the executors.
     pub fn new(subject: &Subject) -> Self {
         let light = subject.light.as_ref().filter(|_| subject.is_lit()).map(|light| {
             let operator = oracle::Operator::finer(light.resolution, FINENESS);
@@ -61,7 +61,7 @@ impl Reference {
         self.light.as_ref().map(|light| light.maps.iter().map(rounded))
     }
 
-    /// Renders exact views of all cameras of the subject in parallel; `done` is called for each.
+    /// Renders exact views of all cameras of the subject in parallel; calls `done` for each.
     pub fn views(&self, subject: &Subject, done: impl Fn() + Sync) -> Vec<(Camera, Exact)> {
         let view = |camera: &Camera| {
             let exact = self.view(subject, camera);
@@ -77,8 +77,8 @@ impl Reference {
     }
 
     /// Renders an exact view by the independent renderer, which shares only the colour formulas
-    /// with core, in the order of the subject; it sorts all splats of a pixel where that is within
-    /// a window.
+    /// with core, in the order of the subject; it sorts all splats of a pixel if the order is
+    /// within a window.
     pub fn independent_view(&self, subject: &Subject, camera: &Camera) -> Exact {
         let order = if subject.order.window() == Some(1) { Order::Mean } else { Order::Response };
         Exact::of(&self.frame_in_order(subject, camera, order), subject.background)

@@ -76,7 +76,7 @@ impl Setting {
     }
 }
 
-/// Display of the parameters in which a setting differs from the default.
+/// Displays the parameters in which a setting differs from the default.
 #[derive(Clone, Copy, Debug)]
 pub struct Difference<'a>(pub &'a Setting, pub &'a Setting);
 
@@ -240,7 +240,7 @@ pub const PARAMETERS: [Parameter; 11] = [
 /// Orders below that of a pixel, the most exact first.
 const ORDERS: [BlendOrder; 5] = [Window(WINDOW_MAX), Window(32), Window(16), Window(8), Mean];
 
-/// Whether an order sorts fewer splats of a pixel than another.
+/// True if an order sorts fewer splats of a pixel than another.
 fn is_coarser(order: BlendOrder, other: BlendOrder) -> bool {
     match (order.window(), other.window()) {
         (Some(count), Some(other)) => count < other,
@@ -248,9 +248,9 @@ fn is_coarser(order: BlendOrder, other: BlendOrder) -> bool {
     }
 }
 
-/// Properties without alternatives in a report, whose exact pictures are sorted by means.
+/// Properties without alternatives in a report, in which exact pictures are sorted by means.
 pub const FIXED: [(&str, &str); 3] = [
-    ("sort", "by depth of the mean, in exact pictures as well; errors and times of other orders are said below"),
+    ("sort", "by depth of the mean, also in exact pictures; errors and times of other orders are below"),
     ("levels of light", "ten (exact) or by resolution (official)"),
     ("largest alpha", "0.99, which is part of the model"),
 ];
@@ -259,7 +259,7 @@ fn limited(base: &Setting, cutoffs: Cutoffs) -> Setting {
     Setting { cutoffs, ..*base }
 }
 
-/// Text of a share: a fraction where it is close to one, zero where it is negligible.
+/// Text of a share: a fraction if it is close to one, zero if it is negligible.
 fn share(x: f32) -> String {
     let inverse = 1.0 / x;
     if x <= Cutoffs::REFERENCE.alpha_min() {
@@ -297,10 +297,10 @@ pub struct Tried {
     pub cost: f64,
 }
 
-/// Combines parameters: each takes its cheapest value whose own error is within `error`.
+/// Combines parameters: each takes its cheapest value with an error within `error`.
 ///
-/// `trials` holds the measurements of each parameter with all others at their most exact value.
-/// Each parameter may use the whole error, so that the combined error may exceed it.
+/// `trials` are the measurements of each parameter with all others at their most exact value. Each
+/// parameter may use the whole error, so the combined error may exceed it.
 pub fn together(exact: &Setting, trials: &[(Parameter, Vec<Tried>)], error: f64) -> Setting {
     trials.iter().fold(*exact, |setting, (parameter, tried)| {
         let fits = tried.iter().filter(|tried| tried.error <= error);
@@ -318,7 +318,7 @@ pub fn random_setting(subject: &Subject, exact: &Setting, seed: u64) -> Setting 
     })
 }
 
-/// Returns whether the light's resolution suits the prefilter.
+/// Returns whether the prefilter supports the light's resolution.
 pub fn is_possible(setting: &Setting) -> bool {
     setting.light == 0 || setting.light >= setting.scheme.resolution_min()
 }
@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn orders_to_choose_from_are_coarser_than_that_of_exact_pictures() {
+    fn candidate_orders_are_coarser_than_that_of_exact_pictures() {
         let names = |order: BlendOrder| {
             let subject = Subject { order, ..subject() };
             let parameter = PARAMETERS.into_iter().find(|parameter| parameter.name == "order").expect("it is one");
@@ -360,12 +360,12 @@ mod tests {
     }
 
     #[test]
-    fn a_parameter_changes_nothing_but_itself() {
+    fn a_parameter_changes_only_itself() {
         let (subject, exact) = (subject(), Setting::exact(&subject()));
         for parameter in PARAMETERS {
             let varied = parameter.settings(&subject, &exact);
             assert!(varied.len() > 1, "{} can be varied", parameter.name);
-            assert_eq!(varied[0], exact, "{} begins with what is most exact", parameter.name);
+            assert_eq!(varied[0], exact, "{} begins with the most exact value", parameter.name);
             for setting in varied {
                 assert_eq!(exact.with(&parameter, &setting), setting);
                 let others = |setting: &Setting| {
@@ -377,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn all_parameters_together_take_the_cheapest_that_fits_of_each() {
+    fn combined_parameters_take_the_cheapest_fitting_value_of_each() {
         let (subject, exact) = (subject(), Setting::exact(&subject()));
         let tried = |parameter: &Parameter| {
             let varied = parameter.settings(&subject, &exact).into_iter().enumerate();
@@ -400,7 +400,7 @@ mod tests {
     }
 
     #[test]
-    fn shares_are_fractions_where_they_are() {
+    fn shares_are_printed_as_fractions_near_one() {
         assert_eq!([0.0, 1e-6, 1.0 / 255.0, 1.0 / 8192.0, 0.1].map(share), ["0", "1e-6", "1/255", "1/8192", "0.1"]);
         assert_eq!([1e-12, 1e-4, 0.003].map(share), ["0", "1e-4", "0.003"]);
     }

@@ -1,11 +1,10 @@
 //! Error and run time of orders of splats against an exact sort per pixel.
 //!
 //! Pipelines sort Gaussians by the depth of their means, once for a picture. Along a pixel's ray a
-//! Gaussian lies where its response is largest, which may be elsewhere, so that large overlapping
-//! Gaussians are blended in the wrong order in some pixels, and swap as the camera moves. The CPU
-//! executor also sorts within a window, or each pixel. All else is equal here: projection along
-//! rays, no cutoffs, the same colours. Run times are those of whole views within the default
-//! cutoffs.
+//! Gaussian has its largest response at another depth, so large overlapping Gaussians are blended
+//! in the wrong order in some pixels, and swap as the camera moves. The CPU executor can also sort
+//! within a window, or per pixel. Everything else is equal here: projection along rays, no cutoffs,
+//! the same colours. Run times are those of whole views within the default cutoffs.
 
 use crate::{
     budget::tile_of,
@@ -69,12 +68,11 @@ struct Tile {
 }
 
 impl Sort {
-    /// Measures a part of each view; `done` is called for each. Run times are the minimum of
-    /// `repeats`.
+    /// Measures a part of each view; calls `done` for each. Run times are the minimum of `repeats`.
     ///
     /// # Errors
     ///
-    /// [`CpuError`], where a view cannot be rendered.
+    /// [`CpuError`] if a view cannot be rendered.
     pub fn new(
         subject: &Subject,
         reference: &Reference,
@@ -180,7 +178,7 @@ mod tests {
 
     /// Precision of core's `f32` constants.
     const SAME: f64 = 1e-6;
-    /// Rounding of `f32`, and a pixel in which two Gaussians are equally deep up to it.
+    /// Rounding of `f32`, and a pixel with two Gaussians of equal depth up to rounding.
     const EXACT: f64 = 1e-4;
 
     fn sort(log_scale: f32) -> Sort {

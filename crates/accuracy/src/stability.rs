@@ -46,11 +46,11 @@ pub struct Row {
 /// Names and descriptions of the guarantees.
 pub const PROMISES: [(&str, &str); 6] = [
     ("not finite", "numbers that are not finite"),
-    ("from f64, 99 %", "distance from the same in f64 that all but one in a hundred numbers keep"),
-    ("from f64, largest", "the largest such distance"),
-    ("transmittance", "by how much one is outside of 0 to 1"),
-    ("omissions", "largest difference that the plan makes"),
-    ("threads", "numbers that are other on one thread"),
+    ("from f64, 99 %", "distance from f64, 99th percentile over all numbers"),
+    ("from f64, largest", "distance from f64, largest"),
+    ("transmittance", "excess of transmittance over 0 to 1"),
+    ("omissions", "largest difference due to the plan"),
+    ("threads", "numbers that differ on one thread"),
 ];
 
 impl Row {
@@ -77,12 +77,11 @@ pub fn row_count() -> usize {
     every_case().iter().map(|case| case.shadings().len()).sum()
 }
 
-/// Measures every case in each of its shading forms; `done` is called with the number of finished
-/// rows.
+/// Measures every case in each of its shading forms; calls `done` with the number of finished rows.
 ///
 /// # Errors
 ///
-/// [`CpuError`], where a case cannot be rendered.
+/// [`CpuError`] if a case cannot be rendered.
 pub fn rows(mut done: impl FnMut(usize)) -> Result<Vec<Row>, CpuError> {
     let one = ThreadPoolBuilder::new().num_threads(1).build().ok();
     let operator = Operator::new(RESOLUTION);
@@ -166,7 +165,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn distances_of_equal_lists_are_none_and_a_wrong_number_is_seen() {
+    fn equal_lists_have_no_distance_and_wrong_numbers_are_found() {
         let exact: Vec<f64> = (0..200).map(f64::from).collect();
         let mut values: Vec<f32> = exact.iter().map(|x| *x as f32).collect();
         assert_eq!(distances(&values, &exact), [0.0, 0.0]);

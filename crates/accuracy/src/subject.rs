@@ -1,4 +1,4 @@
-//! A scene and its views, to be rendered under different settings.
+//! Scene and its views, for rendering under different settings.
 
 use specula_core::{
     camera::Camera,
@@ -34,14 +34,14 @@ pub struct Subject {
 }
 
 impl Subject {
-    /// Returns whether exact pictures exist. There are none for GaussianShader's shading and
-    /// prefilter, which only its code defines.
+    /// Returns whether exact pictures exist. GaussianShader's shading and prefilter have none,
+    /// because only its code defines them.
     pub fn has_reference(&self) -> bool {
         !self.gaussians.layout.is_shaded()
             || (self.shading.form != ShadingForm::Official && self.scheme == PrefilterScheme::Exact)
     }
 
-    /// Whether light is looked up.
+    /// True if light is looked up.
     pub fn is_lit(&self) -> bool {
         self.light.is_some() && self.gaussians.layout.is_shaded()
     }
@@ -57,7 +57,7 @@ impl Subject {
 }
 
 /// Halves the resolution of a light: means of radiance over 2 × 2 texels, weighted by solid angle,
-/// which preserves total radiance. A network stays unchanged, evaluated in fewer texels.
+/// which preserves total radiance. A network is unchanged, but evaluated in fewer texels.
 pub fn halved(light: &Environment<Vec<f32>>) -> Environment<Vec<f32>> {
     let (fine, resolution) = (light.resolution, light.resolution / 2);
     if light.is_network() {
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn half_a_light_is_as_bright() {
+    fn a_light_of_half_the_resolution_is_equally_bright() {
         for activation in [RadianceActivation::Identity, RadianceActivation::Exponential] {
             let light = random_environment(32, activation, 1);
             let [before, after] = [whole(&light), whole(&halved(&light))];

@@ -33,7 +33,7 @@ pub struct Work {
     pub pairs_in_perspective: usize,
     /// Gaussians with a perspective footprint.
     pub perspectives: usize,
-    /// Operations of sorting splats in pixels; none in the order of means.
+    /// Operations of sorting splats in pixels; zero in the order of means.
     pub sorting: usize,
     /// Texels of light read.
     pub texel_reads: usize,
@@ -51,7 +51,7 @@ impl Work {
     /// Cost of a picture in operations: 29 per pair and two per blended channel, plus sorting per
     /// intersection, plus reads of numbers and texels; perspective costs a division and some
     /// products per pair, and a sum over the pairs of five axes per Gaussian. Sorting in pixels is
-    /// counted as such. The prefilter is not included.
+    /// counted separately. The prefilter is not included.
     pub fn cost(&self) -> f64 {
         const PAIR: f64 = 29.0;
         const PAIR_IN_PERSPECTIVE: f64 = 12.0;
@@ -90,8 +90,8 @@ impl Work {
 struct Filtered {
     of: (PrefilterScheme, usize, LevelRange, Storage),
     light: Light,
-    /// Whether it has all levels with the weights of exact pictures, so that it serves every range
-    /// of levels.
+    /// True if it has all levels with the weights of exact pictures and so serves every range of
+    /// levels.
     is_of_reference: bool,
     milliseconds: f64,
 }
@@ -101,7 +101,7 @@ struct Filtered {
 pub struct Trial<'a> {
     subject: Cow<'a, Subject>,
     exec: CpuViewer,
-    /// Gaussians in each number format, with their needs.
+    /// Gaussians in each number format, with their required stages.
     stored: Stored,
     lights: Vec<Filtered>,
 }
@@ -141,7 +141,7 @@ impl Trial<'static> {
     ///
     /// # Errors
     ///
-    /// [`CpuError`], where the light cannot be filtered.
+    /// [`CpuError`] if the light cannot be filtered.
     pub fn under(subject: Subject, reference: &Reference) -> Result<Self, CpuError> {
         let mut trial = Self::of(Cow::Owned(subject));
         let setting = Setting::exact(&trial.subject);
@@ -164,7 +164,7 @@ impl Trial<'_> {
     ///
     /// # Errors
     ///
-    /// [`CpuError`], where the view cannot be rendered.
+    /// [`CpuError`] if the view cannot be rendered.
     pub fn view(&mut self, setting: &Setting, camera: &Camera) -> Result<Taken, CpuError> {
         let rules = self.rules(setting);
         let light = self.filtered(setting, &rules)?;
@@ -190,7 +190,7 @@ impl Trial<'_> {
         Ok(Taken { image, times, work })
     }
 
-    /// Milliseconds of the light's prefilter under a setting; zero where it was not used.
+    /// Milliseconds of the light's prefilter under a setting; zero if it was not used.
     pub fn filter_milliseconds(&self, setting: &Setting) -> f64 {
         let of = self.light_of(setting, &self.rules(setting));
         self.lights.iter().find(|filtered| filtered.of == of).map_or(0.0, |filtered| filtered.milliseconds)
@@ -239,7 +239,7 @@ impl Trial<'_> {
     }
 }
 
-/// Operations of sorting a splat of a pixel, in proportion to run times: a view of a trained scene
+/// Operations of sorting a splat of a pixel, proportional to run times: a view of a trained scene
 /// (45 887 Gaussians, 200 × 200 pixels) takes 47 ms in the order of means, 113, 110 and 125 ms in
 /// windows of 8, 16 and 32, and 175 ms in the exact order; a pair of the first takes 49 operations.
 const fn operations_of(order: BlendOrder) -> usize {
@@ -255,7 +255,7 @@ const fn operations_of(order: BlendOrder) -> usize {
 /// Gaussians in each number format, rounded on first use.
 type Stored = [OnceCell<(Gaussians<Vec<f32>>, Needs)>; 2];
 
-/// Gaussians of a subject in a number format, with their needs.
+/// Gaussians of a subject in a number format, with their required stages.
 fn stored<'a>(stored: &'a Stored, subject: &Subject, storage: Storage) -> &'a (Gaussians<Vec<f32>>, Needs) {
     stored[usize::from(storage == Storage::F16)].get_or_init(|| {
         let mut gaussians = subject.gaussians.clone();
@@ -287,7 +287,7 @@ struct Stopwatch {
     start: Instant,
     times: Times,
     work: Work,
-    /// Whether Gaussians look up light, and whether pixels do.
+    /// Light lookups per Gaussian, and per pixel.
     looks_light_up: [bool; 2],
 }
 
@@ -337,7 +337,7 @@ impl StageObserver<CpuViewer> for Stopwatch {
 /// Minimum, median and interquartile range.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Spread {
-    /// Minimum, the statistic that other processes disturb least.
+    /// Minimum, the statistic least affected by other processes.
     pub min: f64,
     /// Median.
     pub median: f64,
@@ -355,7 +355,7 @@ impl Spread {
     }
 }
 
-/// Setting with all channels that metrics need, normals included.
+/// Setting with all channels for metrics, including normals.
 pub fn measured(setting: &Setting) -> Setting {
     let channels = match setting.channels {
         Channels::Color => Channels::Training,

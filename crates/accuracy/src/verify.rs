@@ -11,7 +11,7 @@ use specula_core::{camera::Camera, rules::Channels, scene::Image};
 use specula_cpu::CpuError;
 use specula_train::evaluate::over_background;
 
-/// A subject whose pictures are verified to be within an error.
+/// Subject with pictures that are verified to be within an error.
 #[derive(Debug)]
 pub struct Verified {
     trial: Trial<'static>,
@@ -20,7 +20,7 @@ pub struct Verified {
     background: [f32; 3],
     /// Allowed distance from the most exact pictures.
     allowed: f64,
-    /// Whether pictures are compared.
+    /// True if pictures are compared.
     compares: bool,
     tally: Tally,
 }
@@ -38,7 +38,7 @@ pub struct Tally {
     pub beyond: f64,
     /// Cost of the setting's pictures, and of all pictures rendered.
     pub cost: [f64; 2],
-    /// Both in milliseconds.
+    /// Both costs in milliseconds.
     pub milliseconds: [f64; 2],
 }
 
@@ -48,7 +48,7 @@ impl Verified {
     ///
     /// # Errors
     ///
-    /// [`CpuError`], where the light cannot be filtered.
+    /// [`CpuError`] if the light cannot be filtered.
     pub fn new(
         subject: Subject,
         reference: &Reference,
@@ -63,13 +63,13 @@ impl Verified {
         Ok(Self { trial, chosen, exact, background, allowed, compares, tally: Tally::default() })
     }
 
-    /// Renders a view: channels, then transmittance. Beyond the error the most exact picture, which
-    /// was rendered for the comparison, takes the place of the setting's: a setting between the two
+    /// Renders a view: channels, then transmittance. If the error is larger, the most exact
+    /// picture, rendered for the comparison, replaces the setting's: a setting between the two
     /// would cost more and be less exact.
     ///
     /// # Errors
     ///
-    /// [`CpuError`], where the view cannot be rendered.
+    /// [`CpuError`] if the view cannot be rendered.
     pub fn view(&mut self, camera: &Camera, channels: Channels) -> Result<Image<Vec<f32>>, CpuError> {
         let view = self.take(self.chosen, camera, channels, 0)?;
         self.tally.pictures += 1;
@@ -92,7 +92,7 @@ impl Verified {
         self.tally
     }
 
-    /// Returns whether pictures are compared, which the most exact setting does not need.
+    /// Returns whether pictures are compared; the most exact setting needs no comparison.
     pub fn compares(&self) -> bool {
         self.compares
     }
@@ -117,7 +117,7 @@ impl Verified {
 ///
 /// # Errors
 ///
-/// [`Refusal`], where there is no setting or the CPU executor fails.
+/// [`Refusal`] if there is no setting or the CPU executor fails.
 pub fn shares(
     subject: &Subject,
     reference: &Reference,
@@ -160,8 +160,8 @@ mod tests {
         }
     }
 
-    /// Number of pictures of an orbit within some errors and of those beyond, without and with
-    /// verification. Ground truth is the independent renderer in this order.
+    /// Numbers of an orbit's pictures within and beyond some errors, without and with verification.
+    /// Ground truth is the independent renderer in this order.
     fn beyond(order: BlendOrder, scene: StressScene, errors: &[f64]) -> (usize, [usize; 2]) {
         let (name, subject) = (scene.name, subject_in(order, scene));
         let reference = Reference::new(&subject);
@@ -203,12 +203,12 @@ mod tests {
             let (pictures, beyond) = beyond(BlendOrder::Mean, scene, &[1e-1, 3e-2, 1e-2, 3e-3, 1e-3]);
             all = (all.0 + pictures, [all.1[0] + beyond[0], all.1[1] + beyond[1]]);
         }
-        println!("of {} pictures {} are beyond unverified, {} verified", all.0, all.1[0], all.1[1]);
+        println!("of {} pictures {} exceed the error unverified, {} verified", all.0, all.1[0], all.1[1]);
         assert!(all.0 >= 480 && all.1[1] == 0, "{all:?}");
     }
 
     #[test]
-    fn a_picture_that_is_further_off_is_the_most_exact_one() {
+    fn a_picture_with_a_larger_error_is_replaced_by_the_most_exact_one() {
         let scene = stress_scenes(2).swap_remove(0);
         let camera = scene.cameras[0];
         let subject = subject(scene);
@@ -226,7 +226,7 @@ mod tests {
         assert_eq!(shown.values, most_exact.values, "the default setting omits the haze");
         assert_eq!((tally.pictures, tally.replaced, exact_tally.replaced), (1, 1, 0));
         assert!(tally.beyond > 1e-4 && tally.cost[1] > tally.cost[0], "{tally:?}");
-        assert_eq!(exact_tally.cost[0], exact_tally.cost[1], "what is most exact is not compared with itself");
+        assert_eq!(exact_tally.cost[0], exact_tally.cost[1], "the most exact setting is not compared with itself");
 
         let (unverified, tally) = view(certificate, false);
         assert!(unverified.values != most_exact.values && tally.replaced == 0, "it is the picture of the setting");

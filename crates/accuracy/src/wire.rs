@@ -1,15 +1,15 @@
 //! Validation of an ONNX file's bytes before a runtime reads them.
 //!
 //! An ONNX file is a protocol-buffers message: numbered fields, with a length for text, messages
-//! and packed numbers. Every length must lie within its parent, every number must end, and the
-//! number of fields is bounded, since each becomes a structure of some hundred bytes. (rten 0.27
+//! and packed numbers. Every length must be within its parent, every number must end, and the
+//! number of fields is bounded, because each becomes a structure of hundreds of bytes. (rten 0.27
 //! loops forever on a number of ten bytes without end, and seeks backwards for lengths beyond 2⁶³.)
 
-/// Most fields of a file: a thousand times those of the largest LPIPS network.
+/// Maximum number of fields: a thousand times those of the largest LPIPS network.
 const FIELDS_MAX: usize = 1 << 18;
-/// Deepest nesting of messages.
+/// Maximum nesting of messages.
 const DEPTH_MAX: usize = 24;
-/// Longest number in bytes, of seven bits each.
+/// Maximum length of a number in bytes of seven bits.
 const NUMBER_LEN: usize = 10;
 
 /// A message type.
@@ -72,9 +72,9 @@ struct Walk {
 
 impl Walk {
     fn message(&mut self, mut bytes: &[u8], kind: Message, depth: usize) -> Result<(), &'static str> {
-        let depth = depth.checked_sub(1).ok_or("it has messages within messages without end")?;
+        let depth = depth.checked_sub(1).ok_or("its messages are nested too deeply")?;
         while !bytes.is_empty() {
-            self.fields = self.fields.checked_sub(1).ok_or("it has more parts than any network")?;
+            self.fields = self.fields.checked_sub(1).ok_or("it has too many fields")?;
             let tag = number(&mut bytes)?;
             match tag & 7 {
                 0 => drop(number(&mut bytes)?),
@@ -89,7 +89,7 @@ impl Walk {
                         Holds::Bytes => {}
                     }
                 }
-                _ => return Err("it has a part of a kind that there is not"),
+                _ => return Err("it has a field of an unknown type"),
             }
         }
         Ok(())
@@ -106,7 +106,7 @@ fn numbers(mut bytes: &[u8]) -> Result<(), &'static str> {
 /// Splits a number off the front.
 fn number(bytes: &mut &[u8]) -> Result<u64, &'static str> {
     let longest = &bytes[..bytes.len().min(NUMBER_LEN)];
-    let last = longest.iter().position(|byte| *byte < 0x80).ok_or("it has a number without end")?;
+    let last = longest.iter().position(|byte| *byte < 0x80).ok_or("it has an unterminated number")?;
     if last + 1 == NUMBER_LEN && longest[last] > 1 {
         return Err("it has a number of more than 64 bits");
     }
@@ -118,7 +118,7 @@ fn number(bytes: &mut &[u8]) -> Result<u64, &'static str> {
 /// Splits bytes off the front.
 fn part<'a>(bytes: &mut &'a [u8], len: u64) -> Result<&'a [u8], &'static str> {
     let len = usize::try_from(len).ok().filter(|len| *len <= bytes.len());
-    let (part, rest) = bytes.split_at(len.ok_or("a part of it is longer than what it is part of")?);
+    let (part, rest) = bytes.split_at(len.ok_or("a field is longer than its message")?);
     *bytes = rest;
     Ok(part)
 }
@@ -128,7 +128,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lengths_and_numbers_have_to_end_where_they_are() {
+    fn lengths_and_numbers_must_end_within_their_message() {
         let endless = [0xff; 10];
         for (bytes, fits) in [
             (&[][..], true),
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_are_counted_however_deep_they_are() {
+    fn fields_are_counted_at_any_depth() {
         let empty_fields = [0x42, 0x00].repeat(FIELDS_MAX);
         assert_eq!(check(&empty_fields), Ok(()));
         assert!(check(&[&empty_fields[..], &[0x42, 0x00]].concat()).unwrap_err().contains("parts"));

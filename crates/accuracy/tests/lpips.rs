@@ -112,7 +112,7 @@ fn run_otherwise() -> Vec<u8> {
 #[test]
 fn invalid_network_files_are_refused_with_their_fault() {
     let [no_model, other_layer] = [b"no network".to_vec(), with(VGG, "MaxPool", "MinPool")];
-    for (bytes, word) in [(no_model, "no ONNX model"), (other_layer, "MinPool"), (run_otherwise(), "its check")] {
+    for (bytes, word) in [(no_model, "not an ONNX model"), (other_layer, "MinPool"), (run_otherwise(), "its check")] {
         let refused = Network::from_bytes(bytes).unwrap_err().to_string();
         assert!(refused.contains(word), "{refused}");
     }

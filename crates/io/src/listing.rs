@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// Options for reading a data set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadOptions {
-    /// Factor by which images are made smaller: 1, 2, 4 or 8. Sizes are rounded.
+    /// Factor by which images are downscaled: 1, 2, 4 or 8. Sizes are rounded.
     pub downscale: u32,
     /// True to hold out the test views; otherwise they are also trained on.
     pub with_test: bool,

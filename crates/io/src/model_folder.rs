@@ -87,7 +87,7 @@ pub struct ModelInfo {
     pub white_background: bool,
     /// Whether the test views were held out.
     pub eval: bool,
-    /// Factor by which the images were made smaller.
+    /// Factor by which the images were downscaled.
     pub downscale: u32,
     /// Path of the data set.
     pub source_path: String,

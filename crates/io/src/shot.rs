@@ -63,7 +63,7 @@ pub(crate) struct Shot {
     pub(crate) measured_size: Option<[u32; 2]>,
     /// Lens for the size of the decoded image.
     pub(crate) lens: Box<dyn Fn([u32; 2]) -> Result<Lens> + Send + Sync>,
-    /// Factor by which the image is made smaller.
+    /// Factor by which the image is downscaled.
     pub(crate) downscale: u32,
 }
 

@@ -1,5 +1,5 @@
-//! Ambient transfer of a surface ([`specula_core::physical`]): the share of the irradiance along
-//! its normal that reaches it past itself, plus the light that it reflects onto itself.
+//! Ambient transfer of a surface ([`specula_core::physical`]): the unoccluded share of the
+//! irradiance along its normal, plus the interreflected light.
 //!
 //! With cosine-weighted directions ω_k of a vertex, the radiance L of the sky and L_o of the
 //! surface that a ray hits, at the nearest corner of its triangle ([`crate::sight`]),
@@ -8,7 +8,8 @@
 //! transfer = Σ_k (L(ω_k) if ω_k meets nothing, else L_o) / Σ_k L(ω_k)
 //! ```
 //!
-//! channel by channel. Errors of the few rays are mostly those of numerator and denominator alike.
+//! channel by channel. Errors due to the small number of rays mostly cancel between numerator and
+//! denominator.
 
 use crate::{
     sight::{RAYS, rays},
@@ -23,7 +24,7 @@ use specula_core::{
     vector::{Vec3 as Real3, normalize_or},
 };
 
-/// Largest transfer: light that others reflect is seldom brighter than the sky.
+/// Largest transfer: interreflected light is seldom brighter than the sky.
 const TRANSFER_MAX: f32 = 4.0;
 /// Sum of radiances below which the transfer is one.
 const DARK: f32 = 1e-6;
@@ -50,7 +51,7 @@ impl Ambient {
     }
 }
 
-/// Transfer of a vertex that sees others, and its rays that hit the surface.
+/// Transfer of a vertex that sees others, and the number of its rays that hit the surface.
 fn transfer(
     near_field: &NearField<Vec<f32>>,
     seen: impl Iterator<Item = Option<usize>>,

@@ -13,7 +13,8 @@ use specula_core::{
 
 /// Truncation distance of the field, in voxels.
 const TRUNCATION_VOXELS: f32 = 4.0;
-/// Share of Gaussians outside of each face of the volume, as distant outliers would enlarge voxels.
+/// Share of Gaussians outside of each face of the volume, because distant outliers would enlarge
+/// voxels.
 const OUTLIER_SHARE: f32 = 0.005;
 /// Margin of the volume around the other Gaussians, relative to its longest edge.
 const MARGIN: f32 = 0.05;
@@ -21,8 +22,8 @@ const MARGIN: f32 = 0.05;
 const COVERAGE_SURFACE: f32 = 0.5;
 /// Coverage below which a pixel shows free space.
 const COVERAGE_FREE: f32 = 0.05;
-/// Views that are integrated at once: a volume is larger than caches are, and passes through memory
-/// once for all of them.
+/// Views that are integrated at once: a volume exceeds the caches, and passes through memory once
+/// for all of them.
 const VIEWS_AT_ONCE: usize = 8;
 /// Share of all triangles up to which a connected component is removed.
 const COMPONENT_SHARE_MIN: f32 = 0.002;
@@ -31,7 +32,7 @@ const COMPONENT_SHARE_MIN: f32 = 0.002;
 #[derive(Clone, Debug)]
 pub struct Fusion {
     volume: Volume,
-    /// Views that the volume lacks.
+    /// Views that are not yet integrated.
     waiting: Vec<View>,
 }
 
@@ -74,9 +75,8 @@ impl Fusion {
     }
 }
 
-/// `voxels` along the longest edge of a scene, or as many as the longest edge of the largest
-/// picture of these cameras has pixels, if that is less: where pictures show the whole scene, finer
-/// voxels would not resolve more.
+/// `voxels` along the longest edge of a scene, at most the number of pixels along the longest edge
+/// of these cameras' pictures: if pictures show the whole scene, finer voxels do not resolve more.
 pub fn voxels_resolved(voxels: u16, cameras: &[Camera]) -> u16 {
     let pixels = cameras.iter().map(|camera| camera.width.max(camera.height)).max();
     pixels.and_then(|pixels| u16::try_from(pixels).ok()).map_or(voxels, |pixels| voxels.min(pixels.max(1)))
@@ -137,7 +137,7 @@ impl Volume {
         (z * self.size[1] + y) * self.size[0] + x
     }
 
-    /// Adds the distances and colours of views, one after the other, to the voxels that they show.
+    /// Adds the distances and colours of views, one after the other, to the visible voxels.
     fn integrate(&mut self, views: &[View]) {
         let [width, height, _] = self.size;
         let mut voxels = core::mem::take(&mut self.voxels);
@@ -163,7 +163,7 @@ impl Volume {
         }
     }
 
-    /// Zero level set by surface nets: a vertex in each cell whose corners were all seen, and two
+    /// Zero level set by surface nets: a vertex in each cell with all corners seen, and two
     /// triangles across each edge of the grid between four such cells.
     fn surface(&self) -> Mesh {
         let mut mesh = Mesh::default();
@@ -307,7 +307,7 @@ mod tests {
         let voxels = |cameras: &[Camera]| voxels_resolved(160, cameras);
         assert_eq!(voxels(&[camera(32, 48), camera(40, 16)]), 48, "the longest edge of any picture");
         assert_eq!(voxels(&[camera(400, 300)]), 160);
-        assert_eq!(voxels(&[camera(100_000, 1)]), 160, "more pixels than voxels can be");
+        assert_eq!(voxels(&[camera(100_000, 1)]), 160, "more pixels than the maximum of voxels");
         assert_eq!(voxels(&[]), 160, "no pictures");
     }
 

@@ -18,7 +18,8 @@ pub struct Hierarchy {
     pub order: Vec<u32>,
 }
 
-/// Builds a hierarchy with the settings of `medium_build`, without its clock, which browsers lack.
+/// Builds a hierarchy with the settings of `medium_build`, without its clock, which browsers do not
+/// have.
 fn build(triangles: &[Triangle]) -> Bvh2 {
     let settings = BvhBuildParams::medium_build();
     let indices: Vec<u32> = (0..triangles.len() as u32).collect();
@@ -55,8 +56,8 @@ impl Hierarchy {
 
     /// Appends all nodes in depth-first order.
     fn append(&mut self, built: &Bvh2) {
-        // Inner nodes whose descendants are not complete, each with the number of open nodes before
-        // its own children.
+        // Inner nodes with incomplete descendants, each with the number of open nodes before its
+        // children.
         let mut open: Vec<usize> = Vec::new();
         let mut rest = vec![(0_usize, 0_usize)];
         while let Some((index, depth)) = rest.pop() {
@@ -77,7 +78,7 @@ impl Hierarchy {
         self.close(&mut open, 0);
     }
 
-    /// Names the next node in open nodes of this depth and deeper ones.
+    /// Sets the next node in open nodes of this depth and deeper ones.
     fn close(&mut self, open: &mut Vec<usize>, depth: usize) {
         for node in open.drain(depth..) {
             self.nodes[node][3] = self.nodes.len() as f32;

@@ -1,7 +1,7 @@
 //! Surfaces of Gaussian scenes.
 //!
 //! * [`fusion`]: a mesh from the depths of rendered views
-//! * [`ambient`]: light that reaches a surface past itself, under a [`sky`]
+//! * [`ambient`]: self-occluded light of a surface under a [`sky`]
 //! * [`sight`]: light that a surface reflects onto itself
 //! * [`near_field`]: a mesh with the attributes of its surface, for reflected rays
 //! * [`hierarchy`]: boxes around triangles, in the order in which rays visit them

@@ -17,19 +17,20 @@ use specula_core::{
     vector::Vec3 as Real3,
 };
 
-/// Distance along the normal at which reflected rays start, in voxels: less hits the surface that
-/// they start from, whose triangles differ from the depths of a view.
+/// Distance along the normal at which reflected rays start, in voxels: shorter distances hit the
+/// surface of the origin, because its triangles differ from a view's depths.
 const OFFSET_VOXELS: f32 = 1.5;
 /// Difference of depths up to which a view sees a vertex, in voxels.
 const VISIBLE_VOXELS: f32 = 2.0;
-/// Share of reflections below which a scene does not reflect itself: only contacts of its parts.
+/// Share of reflections below which a scene does not reflect itself: only touching parts see each
+/// other.
 const SHARE_MIN: f64 = 0.01;
 /// Step between the vertices that are tested for self-reflection.
 const TESTED_EVERY: usize = 7;
 /// Normal, base, tint and roughness.
 const ATTRIBUTES: usize = 10;
 
-/// Mesh whose vertices collect the attributes of the surface.
+/// Mesh that accumulates the attributes of the surface at its vertices.
 #[derive(Clone, Debug)]
 pub struct SurfaceMeans {
     mesh: Mesh,
@@ -62,7 +63,7 @@ impl<const N: usize> WeightedSum<N> {
 }
 
 impl SurfaceMeans {
-    /// Mesh that no view was added to.
+    /// Mesh without views.
     pub fn new(mesh: Mesh, voxel_size: f32) -> Self {
         let count = mesh.positions.len();
         let (attributes, albedos) = (vec![WeightedSum::NONE; count], vec![WeightedSum::NONE; count]);
@@ -70,7 +71,7 @@ impl SurfaceMeans {
     }
 
     /// Adds a view with all layers ([`Channels::Layers`]) of its view-dependent colours,
-    /// premultiplied. Vertices count as much as they face the camera.
+    /// premultiplied. Views are weighted by the cosine between a vertex's normal and the camera.
     ///
     /// # Panics
     ///
@@ -80,7 +81,7 @@ impl SurfaceMeans {
         gather(mesh, *voxel_size, sums, camera, image, attributes);
     }
 
-    /// Adds a view with all layers of its physical materials likewise.
+    /// Adds a view with all layers of its physical materials in the same way.
     ///
     /// # Panics
     ///
@@ -90,8 +91,8 @@ impl SurfaceMeans {
         gather(mesh, *voxel_size, albedos, camera, image, diffuse_albedo);
     }
 
-    /// Near field of the mesh; `None` without triangles, or with more than can be traced. Vertices
-    /// that no view sees reflect nothing and have the normal and the colour of the mesh.
+    /// Near field of the mesh; `None` without triangles, or with more than can be traced. Unseen
+    /// vertices reflect nothing and have the normal and the colour of the mesh.
     pub fn near_field(&self) -> Option<NearField<Vec<f32>>> {
         let Self { mesh, voxel_size, .. } = self;
         let vertices: Vec<[f32; VERTEX_LEN]> = (0..mesh.positions.len()).map(|vertex| self.vertex(vertex)).collect();
@@ -147,7 +148,7 @@ pub fn rearranged(surface: &NearField<Vec<f32>>) -> Option<NearField<Vec<f32>>> 
     arranged(&corners?, surface.values[vertices..].as_chunks::<VERTEX_LEN>().0, surface.offset)
 }
 
-/// Returns whether reflected rays of a scene hit it: a hundredth of its reflections or more, seen
+/// Returns true if reflected rays of a scene hit it: at least a hundredth of its reflections, seen
 /// from some eyes, weighted by tint and by the share of a single ray.
 pub fn reflects_itself(near_field: &NearField<Vec<f32>>, eyes: &[Vec3]) -> bool {
     if eyes.is_empty() {
@@ -170,14 +171,14 @@ pub fn reflects_itself(near_field: &NearField<Vec<f32>>, eyes: &[Vec3]) -> bool 
         let weight = f64::from(tint.element_sum());
         [weight, if is_met { weight * f64::from(share_of_near(roughness)) } else { 0.0 }]
     });
-    // Sums in the order of the vertices, so that threads change nothing.
+    // Sums in the order of the vertices, so the result does not depend on threads.
     let shares: Vec<[f64; 2]> = shares.collect();
     let [all, met] = shares.iter().fold([0.0; 2], |[all, met], share| [all + share[0], met + share[1]]);
     met > SHARE_MIN * all
 }
 
-/// Adds numbers of a view's pixels to the vertices that it sees there; `numbers` returns those of a
-/// pixel of some coverage.
+/// Adds numbers of a view's pixels to the vertices visible there; `numbers` returns those of a
+/// pixel with its coverage.
 fn gather<const N: usize>(
     mesh: &Mesh,
     voxel_size: f32,
@@ -222,7 +223,7 @@ pub fn relight(near_field: &mut NearField<Vec<f32>>, sky: &Sky) {
 }
 
 /// Multiplies the base colours of a near field by the ambient transfers of its vertices: the light
-/// that reaches them past other surfaces.
+/// that other surfaces do not occlude.
 pub fn transfer(near_field: &mut NearField<Vec<f32>>, ambient: &Ambient) {
     let vertices = near_field.vertices_mut();
     for (numbers, transfer) in vertices.iter_mut().zip(&ambient.transfers) {

@@ -1,5 +1,5 @@
-//! Sight of a surface by itself: the vertices that each vertex sees, along rays weighted by their
-//! cosine. Found once, it carries light of any lamps from surface to surface.
+//! Visibility between the vertices of a surface, along cosine-weighted rays. It is computed once
+//! and used for interreflections of any lamps.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -47,16 +47,16 @@ impl Sight {
         self.seen[RAYS * vertex..RAYS * (vertex + 1)].iter().map(|seen| (*seen != OPEN).then_some(*seen as usize))
     }
 
-    /// Irradiance / π of every vertex by the light that leaves the vertices that it sees, which
-    /// emit alike in all directions; rays without a hit bring none.
+    /// Irradiance / π of every vertex by the light of the vertices that it sees, which are diffuse;
+    /// rays without a hit contribute nothing.
     pub fn irradiance(&self, radiance: &[Vec3]) -> Vec<Vec3> {
         let of = |seen: &u32| if *seen == OPEN { Vec3::ZERO } else { radiance[*seen as usize] };
-        // Rays are weighted by their cosine.
+        // The density of rays is proportional to their cosine.
         self.seen.par_chunks(RAYS).map(|seen| seen.iter().map(of).sum::<Vec3>() / RAYS as f32).collect()
     }
 }
 
-/// Starts and directions of the rays of a vertex, weighted by their cosine; none without a normal.
+/// Starts and directions of the cosine-weighted rays of a vertex; `None` without a normal.
 pub(crate) fn rays(near_field: &NearField<Vec<f32>>, vertex: usize) -> impl Iterator<Item = (Vec3, Vec3)> {
     let numbers: [f32; VERTEX_LEN] = near_field.vertex(vertex);
     let position = Vec3::from_slice(&numbers);
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn vertices_without_a_normal_look_into_the_open() {
+    fn vertices_without_a_normal_see_nothing() {
         let mut near_field = below_a_roof(1.0, 0.5);
         near_field.vertices_mut().iter_mut().for_each(|numbers| numbers[3..6].fill(0.0));
         let dark = Sight::new(&near_field).irradiance(&[Vec3::ONE; 8]);

@@ -1,4 +1,4 @@
-//! Light from far away in few directions, on the host.
+//! Distant light in few directions, on the host.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -21,7 +21,7 @@ pub struct Sky {
 }
 
 impl Sky {
-    /// Light of an environment, whose texels are averaged by their solid angles.
+    /// Light of an environment, averaged by solid angles.
     pub fn new(environment: &Environment<Vec<f32>>) -> Self {
         let fine = environment.resolution;
         let coarse = RESOLUTION.min(fine);
@@ -36,7 +36,7 @@ impl Sky {
         Self { resolution: coarse, texels: sums.into_iter().map(|(sum, weight)| sum / weight).collect() }
     }
 
-    /// Radiance from a direction of any length but zero; that of some direction where it is not
+    /// Radiance from a direction of any length but zero; of an arbitrary direction if it is not
     /// finite.
     pub fn radiance(&self, direction: Vec3) -> Vec3 {
         let (face, u, v) = face_of(direction.to_array().map(f64::from));

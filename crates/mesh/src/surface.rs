@@ -1,12 +1,12 @@
-//! Surface of a scene with its sight of itself.
+//! Surface of a scene with its visibility.
 
 use crate::sight::Sight;
 use core::ops::Deref;
 use specula_core::near_field::NearField;
 use std::sync::{Arc, OnceLock};
 
-/// Near field of fixed geometry, and its sight of itself, which is computed once: at its first use,
-/// for all lights and for all copies in other colours.
+/// Near field of fixed geometry, and its visibility, which is computed once, on first use, for all
+/// lights and all copies in other colours.
 #[derive(Clone, Debug)]
 pub struct Surface {
     near_field: NearField<Vec<f32>>,
@@ -29,8 +29,8 @@ impl Surface {
         self.near_field
     }
 
-    /// The same surface in other colours: `change` leaves positions, normals and triangles as they
-    /// are.
+    /// The same surface in other colours: `change` must not modify positions, normals and
+    /// triangles.
     pub fn recolored(&self, change: impl FnOnce(&mut NearField<Vec<f32>>)) -> Self {
         let mut recolored = self.clone();
         change(&mut recolored.near_field);

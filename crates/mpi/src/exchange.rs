@@ -2,7 +2,7 @@
 //!
 //! MPI may keep a sender waiting until its message is received. So messages queue until this rank
 //! receives itself, as every rank does at the end of a step; meanwhile all that arrives is taken
-//! in, so that no two ranks wait for each other.
+//! in, so no two ranks wait for each other.
 
 use core::time::Duration;
 use mpi::{

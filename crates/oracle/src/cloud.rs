@@ -1,4 +1,4 @@
-//! Clouds and lights in other numbers, and one Gaussian of a cloud.
+//! Gaussians and lights in other number types, and single Gaussians.
 
 use crate::number::Number;
 use specula_core::{
@@ -6,12 +6,12 @@ use specula_core::{
     scene::{Environment, Gaussians},
 };
 
-/// A cloud in other numbers.
+/// Gaussians in another number type.
 pub fn lift_gaussians<R: Number>(gaussians: &Gaussians<Vec<f32>>) -> Gaussians<Vec<R>> {
     Gaussians { count: gaussians.count, layout: gaussians.layout, values: lift(&gaussians.values) }
 }
 
-/// A light in other numbers.
+/// A light in another number type.
 pub fn lift_environment<R: Number>(environment: &Environment<Vec<f32>>) -> Environment<Vec<R>> {
     Environment {
         resolution: environment.resolution,
@@ -20,12 +20,12 @@ pub fn lift_environment<R: Number>(environment: &Environment<Vec<f32>>) -> Envir
     }
 }
 
-/// Numbers as other numbers.
+/// Numbers in another number type.
 pub fn lift<R: Number>(values: &[f32]) -> Vec<R> {
     values.iter().map(|&x| R::of(f64::from(x))).collect()
 }
 
-/// One Gaussian of a cloud.
+/// One of the Gaussians.
 pub(crate) fn gaussian<R: Number>(gaussians: &Gaussians<Vec<R>>, index: usize) -> StoredGaussian<'_, Vec<R>> {
     StoredGaussian { gaussians, index }
 }

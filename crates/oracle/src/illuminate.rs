@@ -17,7 +17,7 @@ use specula_core::{
 pub struct Lamps {
     /// Lamps, in world space.
     pub lamps: Vec<Lamp>,
-    /// Shadow rays of a pixel to each lamp that is wider than a point.
+    /// Shadow rays of a pixel to each area lamp.
     pub rays: usize,
     /// Surface that casts shadows.
     pub occluder: Option<NearField<Vec<f32>>>,

@@ -1,17 +1,18 @@
-//! Independent renderer in `f64` that shares no formula with core: the reference for core's own.
+//! Independent renderer in `f64` that shares no formula with core: the reference for core's
+//! formulas.
 //!
-//! Of core it uses only types of scenes ([`specula_core::scene`],
-//! [`specula_core::camera::Camera`]). Everything is written again, the plain way: no tiles, no
-//! culling, no early end; every Gaussian in every pixel, exactly along its ray, each pixel sorted
-//! by itself; light by quadrature.
+//! It uses only core's types of scenes ([`specula_core::scene`], [`specula_core::camera::Camera`]).
+//! Everything else is written again in the simplest way: no tiles, no culling, no early
+//! termination; every Gaussian in every pixel, exactly along its ray, each pixel sorted separately;
+//! light by quadrature.
 //!
 //! * [`rays`]: strength and order of Gaussians along a ray, and their blending
 //! * [`surface`]: their colours: harmonics, and the paper's shading function
 //! * [`lobe`]: light under a GGX lobe, the integral that every prefilter approximates; [`brdf`]:
-//!   light under the whole reflectance that the lobe is a part of
-//! * [`paths`]: solids of such a reflectance by path tracing, with shadows and every bounce
+//!   light under the complete reflectance, including the lobe
+//! * [`paths`]: solids of such a reflectance by path tracing, with shadows and all bounces
 //!
-//! It is not meant for numbers of any size: it lacks the model's limits.
+//! It does not support extreme numbers: it does not have the model's limits.
 
 pub mod brdf;
 pub mod lobe;
@@ -25,17 +26,17 @@ use rays::{Gaussian, Order, View, blend};
 use specula_core::scene::Image;
 use surface::{Light, Look, SURFACE_CHANNELS, Surface, pixel_color};
 
-/// Place where light is looked up.
+/// Stage of the light lookup.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightPer {
-    /// Each Gaussian, once for a picture: its colour is blended.
+    /// Per Gaussian, once for a picture: its colour is blended.
     Gaussian,
-    /// Each pixel, for the mean surface that was blended there.
+    /// Per pixel, for the blended mean surface.
     Pixel,
 }
 
-/// A picture of Gaussians: sRGB colours, premultiplied, then transmittance, as planes. Looks are
-/// all of one kind; plain radiance reads no light.
+/// A picture of Gaussians: sRGB colours, premultiplied, then transmittance, as planes. All
+/// appearances are of one kind; plain radiance uses no light.
 pub fn render(
     scene: &[(Gaussian, Look)],
     light: &Light<'_>,
@@ -62,7 +63,7 @@ pub fn render(
     }
 }
 
-/// From a Gaussian, of unit length.
+/// Unit direction from a Gaussian.
 fn to_eye(gaussian: &Gaussian, view: &View) -> DVec3 {
     (view.position - gaussian.mean).normalize()
 }

@@ -1,10 +1,10 @@
-//! The whole pipeline from core's formulas, one plain loop after the other, over any number.
+//! The whole pipeline from core's formulas in plain loops, over any number type.
 //!
-//! No tiles, lanes or culling beyond what defines the picture: the reference of an executor's
-//! stages, in `f64` for its error. The stages have core's names; [`loss_and_gradient`] is one step
-//! of training up to the gradients. Layouts are core's, over `Vec<R>` instead of `Vec<f32>`.
-//! [`independent`] is a renderer that shares no formula with any of this. [`scenes`] and [`stress`]
-//! are test scenes.
+//! It has no tiles, lanes or culling beyond the definition of the picture: the reference for an
+//! executor's stages, in `f64` for its error. The stages have core's names; [`loss_and_gradient`]
+//! is one step of training up to the gradients. Layouts are core's, over `Vec<R>` instead of
+//! `Vec<f32>`. [`independent`] is a renderer that shares no formula with any of this. [`scenes`]
+//! and [`stress`] are test scenes.
 #![forbid(unsafe_code)]
 
 mod cloud;
@@ -63,8 +63,7 @@ pub fn project<R: Number>(gaussians: &Gaussians<Vec<R>>, camera: &Camera) -> Vec
         .collect()
 }
 
-/// Gaussians to splats, in another projection; the perspective inside of them, where it is not
-/// affine.
+/// Gaussians to splats by another projection, with their perspective if it is not affine.
 pub fn project_within<R: Number>(
     gaussians: &Gaussians<Vec<R>>,
     camera: &Camera,
@@ -119,7 +118,7 @@ fn shading<R>(gaussians: &Gaussians<Vec<R>>, rules: &RenderRules) -> GaussianSha
     GaussianShading { layout: gaussians.layout, rules: *rules }
 }
 
-/// Puts splats whose attributes are not finite behind the eye, where nothing is drawn.
+/// Moves splats with attributes that are not finite behind the eye, so that they are not drawn.
 fn leave_out<R: Number>(splats: &mut [Splat<R>], gaussians: &Gaussians<Vec<R>>, camera: &Camera, rules: &RenderRules) {
     let shading = shading(gaussians, rules);
     let eye = camera.lift(R::of(0.0)).position;
@@ -135,7 +134,7 @@ fn leave_out<R: Number>(splats: &mut [Splat<R>], gaussians: &Gaussians<Vec<R>>, 
     }
 }
 
-/// Channels that are blended, with all of a surface.
+/// Blended channels, including the complete surface.
 fn blended(shading: &GaussianShading) -> Channels {
     match shading.channels() {
         Channels::Lit => Channels::Surface,
@@ -143,7 +142,7 @@ fn blended(shading: &GaussianShading) -> Channels {
     }
 }
 
-/// A Gaussian and the terms of its colour. The light is looked up where Gaussians do so.
+/// A Gaussian and the terms of its colour, with the light if it is looked up per Gaussian.
 fn shaded_and_terms<R: Number>(
     shading: &GaussianShading,
     planes: &impl AttributePlanes<R>,
@@ -240,12 +239,12 @@ pub fn render_within<R: Number>(
     if rules.is_deferred(gaussians.layout) { shade_pixels(&frame, light, camera, rules) } else { frame }
 }
 
-/// Inputs of a training step beside the scene.
+/// Inputs of a training step other than the scene.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a, R> {
     /// Camera of the picture.
     pub camera: &'a Camera,
-    /// True picture of that camera.
+    /// Ground truth of that camera.
     pub target: &'a Target<R>,
     /// Rendering rules.
     pub rules: &'a RenderRules,
@@ -255,8 +254,8 @@ pub struct View<'a, R> {
     pub near_field: Option<&'a NearField<Vec<f32>>>,
 }
 
-/// The weighted loss of a scene in one view. `frozen` holds the weights that the losses treat as
-/// constants; without it they are those of this very picture.
+/// The weighted loss of a scene in one view. `frozen` has the weights that the losses treat as
+/// constants; by default they are those of this picture.
 pub fn loss<R: Number>(
     gaussians: &Gaussians<Vec<R>>,
     light: Option<&Light<R>>,

@@ -16,7 +16,7 @@ use specula_core::{
 };
 use std::sync::Arc;
 
-/// Nodes of this resolution are where every row begins.
+/// Resolution of the nodes at which every row starts.
 const COARSEST: usize = 4;
 
 /// The linear map from a light to its levels ([`PrefilterScheme::Exact`]).
@@ -44,8 +44,8 @@ impl Operator {
         Self::finer(resolution, 1)
     }
 
-    /// The same from nodes that are `fineness` times narrower, a power of two, over lobes that are
-    /// not cut off: the limit is the sum over all texels.
+    /// Operator from nodes that are `fineness` times narrower, a power of two, over lobes without a
+    /// cutoff: the limit is the sum over all texels.
     pub fn finer(resolution: usize, fineness: usize) -> Self {
         let levels = Levels::new(PrefilterScheme::Exact, resolution);
         let mut pyramid = vec![(resolution, 0)];
@@ -64,7 +64,8 @@ impl Operator {
         operator
     }
 
-    /// Weights of the nodes that a texel sees; they sum to one. At roughness 0 it sees itself.
+    /// Weights of a texel's nodes; they sum to one. At roughness 0 the only node is the texel
+    /// itself.
     fn row(&self, texel: &Node, alpha_ggx: f64) -> Vec<(usize, f64)> {
         if alpha_ggx == 0.0 {
             return vec![(self.index(texel), 1.0)];
@@ -153,7 +154,7 @@ pub struct Light<R> {
     pub maps: Vec<Vec<Vec3<R>>>,
     /// Surface of the scene that reflected rays may hit.
     pub near_field: Option<Arc<NearField<Vec<f32>>>>,
-    /// Lamps in addition to the far light.
+    /// Lamps in addition to the distant light.
     pub lamps: Option<Arc<Lamps>>,
 }
 
@@ -178,13 +179,13 @@ pub struct LightGrad<R> {
 }
 
 impl<R: Number> LightGrad<R> {
-    /// No gradient yet.
+    /// Zero gradient.
     pub fn zero(light: &Light<R>) -> Self {
         Self { maps: light.maps.iter().map(|map| vec![Vec3::zero(R::of(0.0)); map.len()]).collect() }
     }
 }
 
-/// Index of each texel of a padded map, and the texels without apron that it is the mean of.
+/// Index of each texel of a padded map, and its source texels without apron.
 fn aprons(resolution: usize) -> impl Iterator<Item = (usize, cubemap::Apron)> {
     let end = resolution as isize;
     let texel = move |face, row, column| {
@@ -213,7 +214,7 @@ fn encodings<R: Number>(operator: &Operator) -> impl Iterator<Item = Vec<[R; ENC
     })
 }
 
-/// Every level of a light that is a network, without aprons.
+/// Every level of a network light, without aprons.
 fn network_levels<R: Number>(environment: &Environment<Vec<R>>, operator: &Operator) -> Vec<Vec<Vec3<R>>> {
     let weights = bounded_weights(environment);
     let texel = |encoding: &[R; ENCODING]| {

@@ -16,7 +16,7 @@ use specula_core::{
     vector::{Mat3, Vec3},
 };
 
-/// A picture to compare with, already over its background.
+/// Ground truth over its background.
 #[derive(Clone, Debug)]
 pub struct Target<R> {
     /// Three planes, sRGB.
@@ -32,7 +32,7 @@ pub struct Target<R> {
 pub struct FrozenWeights {
     /// Coverage of every pixel.
     coverage: Vec<f64>,
-    /// The same where a pixel and its four neighbours show a surface, else zero.
+    /// Coverage of pixels with a surface in them and their four neighbours, else zero.
     surface: Vec<f64>,
     /// Evenness of the surface around every pixel, times its gloss.
     smoothness: Vec<f64>,
@@ -45,8 +45,7 @@ impl FrozenWeights {
     }
 }
 
-/// The weights of a picture; `unlit` is the same without light, where light was added pixel by
-/// pixel.
+/// The weights of a picture; `unlit` is the picture without light, if light is added per pixel.
 pub fn freeze_weights<R: Number>(frame: &Frame<R>, unlit: Option<&Frame<R>>, camera: &Camera) -> FrozenWeights {
     let (width, height) = (frame.width, frame.height);
     let size = frame.pixel_count();
@@ -65,7 +64,7 @@ pub fn freeze_weights<R: Number>(frame: &Frame<R>, unlit: Option<&Frame<R>>, cam
     FrozenWeights { coverage, surface, smoothness }
 }
 
-/// Rendered colour that the losses compare with the true one.
+/// Rendered colour in the losses.
 fn compared<R: Number>(frame: &Frame<R>, target: &Target<R>, weights: &LossWeights) -> Vec<R> {
     let rendered = composite(frame, target.background);
     if !weights.saturates {
@@ -186,7 +185,7 @@ struct Compared<R> {
     rotation: Mat3<R>,
     rays: Cross<Vec3<R>>,
     depths: Cross<R>,
-    /// Blended, so as long as the coverage where all splats agree.
+    /// Blended normal; its length is the coverage if all splats agree.
     rendered: Vec3<R>,
     /// Unit normal of the depth.
     geometric: Vec3<R>,

@@ -1,4 +1,4 @@
-//! Numbers that come from `f64` and go back to it, so that one text serves every precision.
+//! Conversion of numbers from and to `f64`, so that one source serves every precision.
 
 use specula_core::{
     double::Double,
@@ -7,7 +7,7 @@ use specula_core::{
     vector::{Mat3, Vec3, vec3},
 };
 
-/// A single [`Real`], not several side by side.
+/// A scalar [`Real`], not lanes.
 pub trait Number: Real<Mask = bool> {
     /// The nearest number of this kind.
     fn of(value: f64) -> Self;

@@ -1,4 +1,4 @@
-//! Splats over one another, pixel by pixel.
+//! Blending of splats, pixel by pixel.
 
 use crate::number::{Number, take3};
 use specula_core::{
@@ -13,11 +13,10 @@ use specula_core::{
     vector::Vec3,
 };
 
-/// A blended picture: premultiplied channels as planes, then the transmittance behind them as the
-/// last plane.
+/// A blended picture: premultiplied channels as planes, then transmittance as the last plane.
 pub type Frame<R> = Image<Vec<R>>;
 
-/// Splats that are drawn, nearest first; those of equal depth in the order of the Gaussians.
+/// Drawn splats, nearest first; those of equal depth in the order of the Gaussians.
 pub fn front_to_back<R: Number>(splats: &[Splat<R>]) -> Vec<usize> {
     front_to_back_within(splats, &Cutoffs::DEFAULT)
 }
@@ -76,7 +75,7 @@ pub fn blend<R: Number>(splats: &[Splat<R>], colors: &[Vec<R>], order: &[usize],
 }
 
 /// [`blend()`] with other cutoffs, except the reach of splats into tiles and their order
-/// ([`blend_in_order`]). Without perspectives projection was affine.
+/// ([`blend_in_order`]). Without perspectives the projection is affine.
 pub fn blend_within<R: Number>(
     splats: &[Splat<R>],
     perspectives: Option<&[Perspective<R>]>,
@@ -88,9 +87,8 @@ pub fn blend_within<R: Number>(
     blend_in_order(splats, perspectives, None, colors, order, camera, cutoffs)
 }
 
-/// [`blend_within`] in the order of the cutoffs, for which the depths of responses are needed;
-/// without them it is `order`. Rows in which a splat is not seen are skipped, which changes
-/// nothing.
+/// [`blend_within`] in the order of the cutoffs, which needs the depths of responses; without them
+/// in `order`. Rows without a visible part of a splat are skipped, which changes nothing.
 pub fn blend_in_order<R: Number>(
     splats: &[Splat<R>],
     perspectives: Option<&[Perspective<R>]>,
@@ -133,7 +131,7 @@ pub fn blend_in_order<R: Number>(
     Image { width, height, channels: channels + 1, values }
 }
 
-/// Splat that is visible in a pixel.
+/// Visible splat of a pixel.
 struct Hit<R> {
     splat: usize,
     strength: R,
@@ -141,8 +139,8 @@ struct Hit<R> {
     depth: f64,
 }
 
-/// Splats of a pixel in the order in which they leave a window of this size, or an unlimited one
-/// for `None`; ties in their order.
+/// Splats of a pixel sorted within a window of this size, unlimited for `None`; ties in their
+/// order.
 fn sorted<R>(hits: Vec<Hit<R>>, window: Option<usize>) -> Vec<Hit<R>> {
     let mut sorted: Vec<Hit<R>> = Vec::with_capacity(hits.len());
     for (count, hit) in hits.into_iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Random Gaussians and lights, and a view of them: the same for a seed on every machine.
+//! Random Gaussians and lights, and a view of them: deterministic for a seed on every machine.
 
 use specula_core::{
     camera::Camera,
@@ -15,7 +15,7 @@ pub fn camera(width: u32, height: u32) -> Camera {
     Camera::look_at(glam::Vec3::new(2.0, -3.0, 1.5), glam::Vec3::new(0.2, 0.0, 0.1), glam::Vec3::Z, 0.7, width, height)
 }
 
-/// The cloud of a seed: centres within 0.8 of the origin, scales from 0.05 to 0.4, opacities from
+/// Gaussians of a seed: centres within 0.8 of the origin, scales from 0.05 to 0.4, opacities from
 /// 0.27 to 0.95, attributes within 1.2 of zero, ambient transfers from 0.3 to 1.5, filters in space
 /// up to 0.2.
 pub fn random_cloud(count: usize, layout: Layout, seed: u64) -> Gaussians<Vec<f32>> {
@@ -42,8 +42,8 @@ pub fn random_cloud(count: usize, layout: Layout, seed: u64) -> Gaussians<Vec<f3
     gaussians
 }
 
-/// The light of a seed: every texel on its own, from 0.1 to 2 (or the logarithm of that); or a
-/// network of random weights.
+/// Light of a seed: independent texels from 0.1 to 2 (or the logarithm of that); or a network of
+/// random weights.
 pub fn random_environment(resolution: usize, activation: RadianceActivation, seed: u64) -> Environment<Vec<f32>> {
     let mut environment = Environment { resolution, activation, values: Vec::new() };
     if environment.is_network() {

@@ -46,14 +46,14 @@ impl<R: Number> Normals<R> {
         self.camera.view_dir(x, y)
     }
 
-    /// Pixels before and after one along an axis, where both lie in the picture.
+    /// Pixels before and after one along an axis, if both are in the picture.
     fn ends(&self, pixel: usize, axis: usize, reach: usize) -> Option<[usize; 2]> {
         let [width, height] = self.size;
         let (place, end, step) = [(pixel % width, width, 1), (pixel / width, height, width)][axis];
         (place >= reach && place + reach < end).then(|| [pixel - reach * step, pixel + reach * step])
     }
 
-    /// Line of these normals through a pixel, where it lies in the picture.
+    /// Line of these normals through a pixel, if it is in the picture.
     fn line(&self, of: &[Vec3<R>], pixel: usize, axis: usize, reach: usize) -> Option<Line<R>> {
         let [before, after] = self.ends(pixel, axis, reach)?;
         Some(Line { before: of[before], at: of[pixel], after: of[after] })
@@ -85,8 +85,8 @@ impl<R: Number> Normals<R> {
     }
 }
 
-/// Weight of each pixel, which the loss holds fixed. `unlit` is the picture without light, where
-/// light was added pixel by pixel.
+/// Weight of each pixel, constant in the loss. `unlit` is the picture without light, if light is
+/// added per pixel.
 pub(crate) fn weights_of<R: Number>(frame: &Frame<R>, unlit: Option<&Frame<R>>, camera: &Camera) -> Vec<f64> {
     let normals = Normals::new(frame, camera);
     let blurred = normals.blurred();

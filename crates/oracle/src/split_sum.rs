@@ -7,7 +7,7 @@ use specula_core::{
     vector::{Vec3, vec3},
 };
 
-/// Points of each entry: as many as the executors' table has.
+/// Points of each entry, the same number as in the executors' table.
 const SAMPLES: u32 = 1024;
 
 /// Entries around a point of the table.

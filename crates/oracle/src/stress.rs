@@ -1,5 +1,4 @@
-//! Scenes at the limits of valid input, by name, for which every executor must give finite
-//! results.
+//! Named scenes at the limits of valid input, for which every executor must return finite results.
 
 use crate::scenes::{camera, random_cloud, random_environment};
 use glam::{Mat3, Vec3};
@@ -16,7 +15,7 @@ use specula_core::{
 /// Gaussians on the host.
 type Cloud = Gaussians<Vec<f32>>;
 
-/// A scene, and the picture that it is compared with.
+/// Scene and its ground-truth picture.
 #[derive(Clone, Debug)]
 pub struct Case {
     /// Name of the difficulty.
@@ -29,10 +28,9 @@ pub struct Case {
     pub environment: Option<Environment<Vec<f32>>>,
     /// Background in sRGB.
     pub background: [f32; 3],
-    /// Alpha of the true picture's pixels.
+    /// Alpha of the ground truth.
     pub alpha: u8,
-    /// Whether much of the picture depends on rounding, so that tests check little more than that
-    /// it is finite.
+    /// True if much of the picture depends on rounding, so tests check little more than finiteness.
     pub is_on_edge: bool,
 }
 
@@ -40,18 +38,18 @@ pub struct Case {
 pub const LAYOUT: Layout = Layout::shaded(Some(1));
 /// Texels along an edge of every light's face.
 pub const RESOLUTION: usize = 16;
-/// Raw numbers whose sigmoid is as good as zero, or as one.
+/// Raw numbers with a sigmoid of practically zero or one.
 const SATURATED: f32 = 30.0;
 /// The raw number whose sigmoid is 1/255.
 const FAINT: f32 = -5.537_334;
 
 impl Case {
-    /// A scene without a light, before a grey wall, compared with an opaque picture.
+    /// Scene without a light, in front of a grey wall, with an opaque ground truth.
     pub fn new(name: &'static str, camera: Camera, cloud: Cloud) -> Self {
         Self { name, cloud, camera, environment: None, background: [0.2, 0.5, 0.8], alpha: u8::MAX, is_on_edge: false }
     }
 
-    /// The same case, if much depends on rounding.
+    /// The same case, marked as sensitive to rounding.
     fn on_edge(self) -> Self {
         Self { is_on_edge: true, ..self }
     }
@@ -62,7 +60,7 @@ impl Case {
     }
 
     /// The same with physical materials: black, white and saturated albedos, dielectrics and
-    /// metals, occluded, unoccluded and beside bright surfaces.
+    /// metals, occluded, unoccluded and next to bright surfaces.
     #[must_use]
     pub fn with_materials(&self) -> Self {
         let layout = LAYOUT.physical();
@@ -81,7 +79,7 @@ impl Case {
         Self { cloud, ..self.clone() }
     }
 
-    /// Shading rules to test the case with: both ways of looking light up, if there is any.
+    /// Shading rules for the case: light per Gaussian and per pixel, if there is a light.
     pub fn shadings(&self) -> &'static [ShadingRules] {
         match self.environment {
             Some(_) => &[ShadingRules::PAPER, ShadingRules::DEFERRED],
@@ -89,7 +87,7 @@ impl Case {
         }
     }
 
-    /// A true picture of noise, red, green, blue and alpha of each pixel.
+    /// Ground truth of noise: red, green, blue and alpha of each pixel.
     pub fn picture(&self) -> Vec<u8> {
         let pixels = u64::from(self.camera.width * self.camera.height);
         let byte = |k: u64| if k % 4 == 3 { self.alpha } else { (random::bits(9, 0, k) >> 56) as u8 };
@@ -97,8 +95,8 @@ impl Case {
     }
 
     /// The same scene with other last digits: numbers of the camera, the attributes and the light
-    /// change by up to `share` of themselves. The change of results shows what rounding may do to
-    /// them; near a cut, numbers move across it. Means stay, so that equal depths stay equal.
+    /// change by up to the relative amount `share`. The change of results shows the effect of
+    /// rounding; near a cutoff, numbers cross it. Means are unchanged, so equal depths stay equal.
     pub fn nudged(&self, share: f32, seed: u64) -> Self {
         let factor = |kind: u64, number: u64| 1.0 + share * (2.0 * random::uniform(seed, kind, number) - 1.0);
         let mut case = self.clone();
@@ -110,9 +108,9 @@ impl Case {
         case.camera.focal_px.iter_mut().for_each(&mut nudge);
         case.camera.principal_px.iter_mut().for_each(&mut nudge);
         for plane in LOG_SCALE..LAYOUT.plane_count() {
-            // Axes of equal length stay equal.
+            // Axes of equal length remain equal.
             let kind = if (LOG_SCALE..QUAT).contains(&plane) { LOG_SCALE } else { plane };
-            // Logarithms and logits count as no smaller than one, and so does their rounding.
+            // The rounding of logarithms and logits is relative to at least one.
             let is_raw = !(QUAT..OPACITY).contains(&plane) && plane < LAYOUT.sh_start();
             for gaussian in 0..self.cloud.count {
                 let factor = factor(kind as u64, gaussian as u64);
@@ -130,7 +128,7 @@ impl Case {
     }
 }
 
-/// Scene whose error a sample of pixels underestimates easily, and its views.
+/// Scene with an error that a sample of pixels easily underestimates, and its views.
 #[derive(Clone, Debug)]
 pub struct StressScene {
     /// Name of the difficulty.
@@ -143,8 +141,8 @@ pub struct StressScene {
     pub background: [f32; 3],
 }
 
-/// Scenes that hide the effect of cutoffs: much of what is cut off is faint, wide, thin or deep,
-/// and lies elsewhere in every view. `views` views of each.
+/// Scenes that hide the effect of cutoffs: much of the truncated part is faint, wide, thin or deep,
+/// and at another position in every view. `views` views of each.
 pub fn stress_scenes(views: usize) -> Vec<StressScene> {
     let scene = |name: &'static str, cloud: Cloud, camera: &dyn Fn(f32) -> Camera| {
         let cameras = (0..views).map(|k| camera((k as f32 + 0.5) / views as f32)).collect();
@@ -169,15 +167,15 @@ pub fn stress_scenes(views: usize) -> Vec<StressScene> {
     ]
 }
 
-/// A view from an arc of 80 degrees before a place.
+/// A view from an arc of 80 degrees in front of a point.
 fn arc(share: f32, place: Vec3, [width, height]: [u32; 2]) -> Camera {
     let (sin, cos) = ((share - 0.5) * 80.0_f32.to_radians()).sin_cos();
     let from = place + Vec3::new(3.2 * sin, -3.2 * cos, 0.6 * (share - 0.5));
     Camera::look_at(from, place, Vec3::Z, 0.7, width, height)
 }
 
-/// Left: a haze whose every splat is far below 1/255, and that covers some hundredths all the same.
-/// Right: solid splats, in which other cuts show more.
+/// Left: haze of splats far below 1/255 with a total coverage of a few hundredths. Right: solid
+/// splats, on which other cutoffs have a larger effect.
 fn haze_beside_solids() -> Cloud {
     const HAZE: usize = 200;
     changed(HAZE + 250, 50, |cloud, k| {
@@ -188,7 +186,7 @@ fn haze_beside_solids() -> Cloud {
     })
 }
 
-/// Splats as wide as the picture, of which much lies beyond two standard deviations.
+/// Splats as wide as the picture, with a large part beyond two standard deviations.
 fn wide_and_faint() -> Cloud {
     changed(400, 52, |cloud, k| {
         cloud.set(k, LOG_SCALE, [0, 1, 2].map(|axis| draw(k, axis, 0.15, 0.5).ln()));
@@ -196,7 +194,7 @@ fn wide_and_faint() -> Cloud {
     })
 }
 
-/// Thin layers one behind the other, each of another colour.
+/// Thin layers behind each other in different colours.
 fn stacked() -> Cloud {
     changed(10_000, 53, |cloud, k| {
         cloud.set(k, MEAN, [draw(k, 0, -0.3, 0.3), draw(k, 1, -1.0, 1.0), draw(k, 2, -0.3, 0.3)]);
@@ -206,7 +204,7 @@ fn stacked() -> Cloud {
     })
 }
 
-/// Long, thin splats, many of which are much narrower than a pixel.
+/// Long, thin splats, many of them much narrower than a pixel.
 fn needles() -> Cloud {
     changed(500, 54, |cloud, k| {
         cloud.set(k, LOG_SCALE, [draw(k, 0, 0.3, 1.5).ln(), draw(k, 1, -9.0, -4.0), draw(k, 2, -9.0, -4.0)]);
@@ -241,7 +239,7 @@ fn view() -> Camera {
     camera(48, 32)
 }
 
-/// A view along +z from 4 before the origin: depths are z + 4, however they are rounded.
+/// A view along +z from 4 in front of the origin: depths are z + 4, rounded in any way.
 fn straight(width: u32, height: u32) -> Camera {
     Camera::look_at(Vec3::new(0.0, 0.0, -4.0), Vec3::ZERO, Vec3::NEG_Y, 0.7, width, height)
 }

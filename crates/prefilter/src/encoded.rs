@@ -12,8 +12,8 @@ use specula_core::{
 };
 use std::sync::Arc;
 
-/// Texels of all levels without their aprons, where a network is evaluated: those of the base, then
-/// the rows of an operator, which only adds aprons to them.
+/// Texels of all levels without their aprons, in which a network is evaluated: those of the base,
+/// then the rows of an operator, which only adds aprons.
 #[derive(Debug)]
 pub struct EncodedTexels {
     operator: Arc<Operator>,

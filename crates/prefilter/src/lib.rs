@@ -2,16 +2,15 @@
 //! the resolution. They are computed here once, from core's formulas; executors keep them and apply
 //! them.
 //!
-//! A light is a pyramid of means over 2 × 2 texels, finest first (*nodes*); behind it lie the
+//! A light is a pyramid of means over 2 × 2 texels, finest first (*nodes*), followed by the
 //! filtered texels (*rows*); lookups read levels with aprons.
 //!
-//! A row is a cut through the pyramid: fine in the core of the lobe, coarse in its tail, and it
-//! ends where 99.5 % of the energy is contained. Gradients use the transposed matrix, built on
-//! first use. Every face of a level has an apron of its neighbours' texels, so a bilinear footprint
-//! never leaves a face and lookups are continuous across edges. Levels are data: ours, those of the
-//! authors' code, or the mip chain that `specula prefilter` writes.
-//! `specula_oracle::independent::lobe` measures their distance from the integral, without sharing a
-//! formula with core.
+//! A row is a cut through the pyramid: fine in the core of the lobe, coarse in its tail, and
+//! truncated at 99.5 % of the energy. Gradients use the transposed matrix, built on first use.
+//! Every face of a level has an apron of its neighbours' texels, so a bilinear footprint never
+//! leaves a face and lookups are continuous across edges. Levels are data: specula's, those of the
+//! authors' code, or the mip chain of `specula prefilter`. `specula_oracle::independent::lobe`
+//! measures their distance from the integral, without sharing a formula with core.
 #![forbid(unsafe_code)]
 
 pub mod encoded;
@@ -33,20 +32,20 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 /// Coarsest resolution of the light's pyramid.
 const COARSEST: usize = 4;
-/// Operators with more weights than this are not stored but computed again at each use.
+/// Operators with more weights are not stored but computed again at each use.
 const STORED_WEIGHTS_MAX: usize = 1 << 26;
 
 /// Scheme, resolution of the base and kept levels of an operator.
 type OperatorKey = (PrefilterScheme, usize, LevelRange);
 
-/// Operators of small bases that were asked for last, the newest at the end.
+/// Last used operators of small bases, the newest at the end.
 static SHARED: Mutex<Vec<(OperatorKey, Arc<Operator>)>> = Mutex::new(Vec::new());
 /// Operators in [`SHARED`].
 const SHARED_MAX: usize = 4;
 /// Finest base of an operator in [`SHARED`]: the default light's.
 const SHARED_RESOLUTION_MAX: usize = 64;
 
-/// The table of the authors' shading, made at its first use: n·v across, roughness down.
+/// Table of the authors' shading, computed on first use: n·v across, roughness down.
 pub static SPLIT_SUM: LazyLock<Vec<[f32; 2]>> = LazyLock::new(|| {
     const SAMPLES: u32 = 1024;
     let centre = |k: usize| (k as f64 + 0.5) / RESOLUTION as f64;
@@ -88,7 +87,7 @@ struct RowBlock {
     resolution: usize,
     first_row: usize,
     kind: RowKind,
-    /// Whether it is looked up; else its rows are zero.
+    /// True if the level is looked up; otherwise its rows are zero.
     is_kept: bool,
 }
 
@@ -113,7 +112,8 @@ enum RowKind {
 struct Cone {
     axis: Vec3<Double>,
     resolution: usize,
-    /// Cosine below which a node lies wholly outside, by how many times its resolution is halved.
+    /// Cosine below which a node is entirely outside, by the number of times its resolution is
+    /// halved.
     least_cosine: [f64; MAX_HALVINGS],
     /// First of the official texel weights of this level.
     weights: usize,
@@ -169,15 +169,14 @@ impl Operator {
     }
 
     /// [`Operator::new`], shared within the process: weights of small bases are computed once for
-    /// the executors that use them in turns.
+    /// all executors.
     pub fn shared(scheme: PrefilterScheme, resolution: usize, kept: LevelRange) -> Arc<Self> {
         let key = (scheme, resolution, kept);
         let operators = || SHARED.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, operator)) = operators().iter().find(|(of, _)| *of == key) {
             return operator.clone();
         }
-        // Not under the lock: a thread of rayon that waits for its weights may take up work that
-        // asks for others.
+        // Not under the lock: a waiting thread of rayon may take work that needs other weights.
         let operator = Arc::new(Self::new(scheme, resolution, kept));
         if resolution <= SHARED_RESOLUTION_MAX {
             let mut operators = operators();
@@ -288,7 +287,7 @@ impl Operator {
     pub fn rows(&self) -> Option<&Linear> {
         self.stored.as_ref()
     }
-    /// Gives the rows up, as if there were too many weights to keep.
+    /// Drops the stored rows, as if there were too many weights to keep.
     pub fn forget_rows(&mut self) {
         self.stored = None;
     }
@@ -383,7 +382,7 @@ impl Operator {
         each_texel(resolution).map(move |(face, column, row)| Node { face, column, row, resolution })
     }
 
-    /// Our rows: nodes inside the lobe's cut, small enough for the lobe where they lie.
+    /// specula's rows: nodes inside the lobe's cut, small enough for the lobe at their position.
     fn cut(&self, node: Node, lobe: &Lobe, taps: &mut Vec<(u32, f64)>) {
         let (node_dir, _) = self.nodes.get(&node);
         if !lobe.sees(node_dir, node.resolution) {
@@ -428,8 +427,8 @@ impl Operator {
         Cone { axis, resolution, least_cosine, weights }
     }
 
-    /// The weights by row, unless there are too many. Which of the two it is must not depend on the
-    /// levels that are kept: their sums are rounded in another order.
+    /// Weights by row, unless there are too many. The decision must not depend on the kept levels,
+    /// because the sums are rounded in another order.
     fn store(&self) -> Option<Linear> {
         const ROWS_AT_ONCE: usize = 512;
         let rows: Vec<usize> = (0..self.row_count()).collect();
@@ -478,7 +477,7 @@ impl Operator {
         Linear::new(sparse, FACE_COUNT * fine * fine)
     }
 
-    /// Levels with their aprons. A level that is the base takes its texels from there.
+    /// Levels with their aprons. A level equal to the base takes its texels from there.
     fn make_aprons(&self) -> Linear {
         let mut sparse = Sparse { starts: vec![0], ..Sparse::default() };
         for block in &self.blocks {
@@ -495,8 +494,8 @@ impl Operator {
     }
 }
 
-/// Calls `visit` for every texel of a padded map in order, with the texels that it shows and the
-/// weight of each.
+/// Calls `visit` for every texel of a padded map in order, with its source texels and the weight of
+/// each.
 fn each_padded(resolution: usize, mut visit: impl FnMut(&[usize], f32)) {
     let last = resolution as isize;
     for face in 0..FACE_COUNT {
@@ -521,7 +520,7 @@ mod tests {
     fn operators_are_shared_by_key_until_others_evict_them() {
         let shared_operator = |end: usize| Operator::shared(PrefilterScheme::Exact, 16, LevelRange { first: 0, end });
         let first = shared_operator(1);
-        assert!(Arc::ptr_eq(&first, &shared_operator(1)), "weights are worked out once");
+        assert!(Arc::ptr_eq(&first, &shared_operator(1)), "weights are computed once");
         assert!(!Arc::ptr_eq(&first, &shared_operator(2)), "other levels have other weights");
         (2..2 + SHARED_MAX).for_each(|end| drop(shared_operator(end)));
         assert!(!Arc::ptr_eq(&first, &shared_operator(1)), "no more than {SHARED_MAX} are kept");

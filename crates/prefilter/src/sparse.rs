@@ -9,7 +9,7 @@ pub struct Linear {
     /// The map itself.
     pub forward: Sparse,
     column_count: usize,
-    /// Its transpose, once a gradient has been asked for: rendering needs none.
+    /// Its transpose, computed for the first gradient: rendering needs none.
     transposed: OnceLock<Sparse>,
 }
 
@@ -96,7 +96,7 @@ mod tests {
     use super::Sparse;
 
     #[test]
-    fn ranges_hold_every_row_once_and_no_more_weights_than_they_may() {
+    fn ranges_contain_every_row_once_within_the_limit_of_weights() {
         let starts = vec![0, 3, 3, 10, 11, 12, 12, 20];
         let sparse = Sparse { columns: vec![0; 20], weights: vec![1.0; 20], starts };
         for most in 0..25 {

@@ -21,30 +21,31 @@ use specula_scene::{
 };
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Reason for which an error cannot be certified.
+/// Reason why an error cannot be certified.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum CertificateError {
-    /// The shading of the authors' code, of which there are no exact pictures.
-    #[error("an error cannot be kept where there are no exact pictures: the authors' shading is what their code does")]
+    /// Shading of the authors' code, which has no exact pictures.
+    #[error("no error can be guaranteed without exact pictures: the official shading is defined by code")]
     NoReference,
-    /// Rounding to `f32` alone may exceed the error.
-    #[error("an error of {asked} cannot be kept, because rounding to f32 alone may make {rounding:.1e}")]
+    /// Rounding to `f32` by itself may exceed the error.
+    #[error("an error of {asked} cannot be guaranteed, because rounding to f32 may cause {rounding:.1e}")]
     Rounding {
-        /// Error that was asked for.
+        /// Requested error.
         asked: f64,
         /// Error by rounding, at most.
         rounding: f64,
     },
     /// Numbers in the most exact pictures that are not finite.
     #[error(
-        "an error of {asked} cannot be kept, because the scene's most exact pictures hold numbers that are not finite"
+        "an error of {asked} cannot be guaranteed, because the scene's most exact pictures have numbers that are not \
+         finite"
     )]
     NotFinite {
-        /// Error that was asked for.
+        /// Requested error.
         asked: f64,
     },
     /// Scene that the CPU executor cannot render.
-    #[error("the processor cannot render the scene")]
+    #[error("the CPU cannot render the scene")]
     Failed,
 }
 
@@ -57,7 +58,7 @@ impl CertificateError {
         }
     }
 
-    /// Error with one digit that may be kept in place of one below the rounding, as text.
+    /// Achievable error with one digit, instead of one below the rounding, as text.
     pub fn error_min(&self) -> Option<String> {
         match self {
             Self::Rounding { rounding, .. } => Some(rounded_up(*rounding)),
@@ -88,7 +89,7 @@ impl CertifiedScene {
     /// Searches the cheapest setting whose pictures, over a background in sRGB, are within an
     /// error: the root mean square of sRGB colours in \[0, 1\]. Exact pictures have their splats in
     /// `order`; those of the setting may be in a coarser one. With `is_verified`, each picture is
-    /// compared with the most exact one, which replaces it beyond the error.
+    /// compared with the most exact one, which replaces it if the error is larger.
     ///
     /// # Errors
     ///
@@ -105,7 +106,7 @@ impl CertifiedScene {
         if !subject.has_reference() {
             return Err(CertificateError::NoReference);
         }
-        tracing::info!("looking for the cheapest setting within {error}");
+        tracing::info!("searching the cheapest setting within {error}");
         let reference = Reference::new(&subject);
         let certificate =
             cheapest_within(&subject, &reference, error).map_err(|refusal| CertificateError::new(refusal, error))?;
@@ -120,19 +121,18 @@ impl CertifiedScene {
         &self.certificate
     }
 
-    /// Renderer of its pictures, which are those of `scene`.
+    /// Renderer of the pictures of `scene`.
     pub fn renderer(&self, scene: &Scene, channels: Channels) -> SceneRenderer {
         SceneRenderer::with_backend(Box::new(self.clone()), scene, channels)
     }
 
-    /// Sentence on the outcome of verifying the pictures that were rendered; the time it took is
-    /// logged.
+    /// Sentence on the verification of the rendered pictures; its time is logged.
     pub fn report(&self) -> String {
         let verified = self.verified();
         let tally = verified.tally();
         if verified.compares() {
-            let [alone, all] = tally.milliseconds.map(|time| 1e-3 * time);
-            tracing::info!("pictures took {all:.1} s, {:.1} s of which to verify them", all - alone);
+            let [rendering, all] = tally.milliseconds.map(|time| 1e-3 * time);
+            tracing::info!("pictures took {all:.1} s, including {:.1} s for verification", all - rendering);
         }
         report_text(&tally, verified.compares(), verified.is_exact(), self.asked)
     }
@@ -165,7 +165,7 @@ impl RenderBackend for CertifiedScene {
     }
 }
 
-/// Least number with one digit that is not below a number.
+/// Smallest number with one digit that is not below a number.
 fn rounded_up(number: f64) -> String {
     let digit = 10_f64.powf(number.log10().floor());
     format!("{:.0e}", (number / digit).ceil() * digit)
@@ -182,7 +182,7 @@ fn certificate_text(certificate: &Certificate, subject: &Subject) -> String {
     let views = |bounds: &Bounds| format!("{} view{}", bounds.views, if bounds.views == 1 { "" } else { "s" });
     let others = match tried_on.views {
         0 => String::new(),
-        _ => format!("; {:.2e} (worst {:.2e}) on {} that it was not", tried_on.rms, tried_on.worst, views(tried_on)),
+        _ => format!("; {:.2e} (worst {:.2e}) on {} other views", tried_on.rms, tried_on.worst, views(tried_on)),
     };
     format!(
         "error {:.2e} (worst view {:.2e}) on {} that it was chosen by, where {asked:e} was allowed{others}; {rounding:.0e} of \
@@ -194,21 +194,21 @@ fn certificate_text(certificate: &Certificate, subject: &Subject) -> String {
 }
 
 fn report_text(tally: &Tally, compares: bool, is_exact: bool, asked: f64) -> String {
-    let Tally { pictures, replaced, kept, beyond, cost: [alone, all], .. } = tally;
+    let Tally { pictures, replaced, kept, beyond, cost: [rendering, all], .. } = tally;
     if is_exact {
         return "every picture is the most exact one".into();
     }
     if !compares {
-        return format!("not verified: of {pictures} pictures, those of other views may be further off than {asked:e}");
+        return format!("not verified: of {pictures} pictures, those of other views may have errors above {asked:e}");
     }
     let others = match replaced {
         0 => String::new(),
-        _ => format!("; {replaced} were up to {beyond:.2e} off and are the most exact ones instead"),
+        _ => format!("; {replaced} had errors up to {beyond:.2e} and were replaced by the most exact ones"),
     };
     format!(
-        "verified {pictures} pictures: none is further off than {asked:e}, those of this setting {kept:.2e} from the most \
+        "verified {pictures} pictures: errors are at most {asked:e}, those of this setting {kept:.2e} against the most \
          exact ones{others}; {:.2} times the work of unverified pictures",
-        all / alone
+        all / rendering
     )
 }
 
@@ -238,27 +238,27 @@ mod tests {
             let views: Vec<_> = subject.cameras.iter().map(truth).collect();
             for error in [1e-1, 3e-2, 1e-2, 3e-3, 1e-3] {
                 let shares = shares(&subject, &reference, &views, error).expect("f32 is close enough");
-                let [alone, verified] = shares.map(|shares| shares.into_iter().fold(0.0, f64::max));
-                println!("{model}: {error:e}: at most {alone:.3} of it unverified, {verified:.3} verified");
+                let [unverified, verified] = shares.map(|shares| shares.into_iter().fold(0.0, f64::max));
+                println!("{model}: {error:e}: at most {unverified:.3} of it unverified, {verified:.3} verified");
                 assert!(verified <= 1.0, "{model}: {error:e}");
             }
         }
     }
 
     #[test]
-    fn what_is_advised_can_be_kept() {
+    fn advised_errors_can_be_guaranteed() {
         assert_eq!([2.31e-4, 1e-3, 0.97].map(rounded_up), ["3e-4", "1e-3", "1e0"]);
         let refused = CertificateError::new(Refusal::TooClose(2.31e-4), 1e-4);
         assert_eq!(refused.error_min().as_deref(), Some("3e-4"));
     }
 
     #[test]
-    fn the_report_counts_the_pictures_that_were_replaced() {
+    fn the_report_counts_replaced_pictures() {
         let tally = Tally { pictures: 9, replaced: 2, kept: 8e-3, beyond: 2e-2, cost: [1.0, 3.5], ..Tally::default() };
         let said = report_text(&tally, true, false, 1e-2);
-        assert!(said.starts_with("verified 9 pictures: none is further off than 1e-2"), "{said}");
+        assert!(said.starts_with("verified 9 pictures: errors are at most 1e-2"), "{said}");
         assert!(
-            said.contains("2 were up to 2.00e-2 off") && said.ends_with("3.50 times the work of unverified pictures"),
+            said.contains("2 had errors up to 2.00e-2") && said.ends_with("3.50 times the work of unverified pictures"),
             "{said}"
         );
         assert!(report_text(&tally, false, false, 1e-2).starts_with("not verified"), "nothing is promised");

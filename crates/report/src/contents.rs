@@ -69,7 +69,7 @@ impl Contents {
         contents.add_light(scene);
         contents.add_near_field(scene);
         let reasons = scene.nonfinite_reasons();
-        let text = reasons.map_or("none".into(), |reasons| format!("{reasons}; they are not drawn"));
+        let text = reasons.map_or("none".into(), |reasons| format!("{reasons}; they are not rendered"));
         contents.add("not finite", text, CullStats::of(&scene.gaussians, None).nonfinite().into());
         contents.add_plan(scene);
         Ok(contents)
@@ -109,7 +109,7 @@ impl Contents {
         self.json.clone().into()
     }
 
-    /// Appends a remark to the text of a fact, if it is among the contents.
+    /// Appends a remark to the text of a fact, if the fact exists.
     pub fn remark(&mut self, name: &str, remark: &str) {
         self.lines.iter_mut().filter(|(other, _)| *other == name).for_each(|(_, text)| text.push_str(remark));
     }
@@ -188,11 +188,11 @@ impl Contents {
         self.add("light", text, facts);
     }
 
-    /// Adds the surface that reflected rays may meet, if there is one.
+    /// Adds the surface that reflected rays may hit, if there is one.
     fn add_near_field(&mut self, scene: &Scene) {
         let Some(near_field) = &scene.near_field else { return };
         let [nodes, triangles, vertices] = near_field.sizes();
-        let text = format!("{} triangles that reflected rays may meet", group_digits(triangles));
+        let text = format!("{} triangles that reflected rays may hit", group_digits(triangles));
         self.add("near field", text, json!({"nodes": nodes, "triangles": triangles, "vertices": vertices}));
     }
 
@@ -216,12 +216,12 @@ impl Contents {
     /// Adds the number of texels of light that are filtered.
     fn add_filtered(&mut self, scene: &Scene, plan: &Plan) {
         let Some(levels) = scene.levels() else { return };
-        let of_rules = |rules: RenderRules| {
+        let levels_and_texels = |rules: RenderRules| {
             let numbered = levels.as_slice().iter().enumerate();
             let kept = numbered.filter(move |(number, _)| rules.is_lit && rules.levels.contains(*number));
             kept.fold((0, 0), |(count, texels), (_, level)| (count + 1, texels + FACE_COUNT * level.resolution.pow(2)))
         };
-        let [(kept, filtered), (count, in_full)] = [plan.rules, plan.full].map(of_rules);
+        let [(kept, filtered), (count, in_full)] = [plan.rules, plan.full].map(levels_and_texels);
         let text = format!(
             "{} of {} texels of light, {kept} of {count} levels",
             group_digits(filtered),
@@ -343,8 +343,8 @@ fn left_out(plan: &Plan, layout: Layout) -> Vec<String> {
 
 fn unlit_reason(unlit: Unlit) -> &'static str {
     match unlit {
-        Unlit::NothingShaded => "no shaded Gaussian is drawn",
+        Unlit::NothingShaded => "no shaded Gaussian is rendered",
         Unlit::Dark => "there is none",
-        Unlit::LostInRounding => "what is reflected is lost in rounding",
+        Unlit::LostInRounding => "the reflection is lost in rounding",
     }
 }

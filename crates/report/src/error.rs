@@ -9,13 +9,13 @@ pub enum Error {
     /// File that cannot be read or written.
     #[error(transparent)]
     File(#[from] specula_io::Error),
-    /// CPU executor that failed on a scene.
+    /// The CPU executor failed on a scene.
     #[error(transparent)]
     Cpu(#[from] CpuError),
     /// Scene that cannot be rendered.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// Input that does not suit the measurement.
+    /// Invalid input of a measurement.
     #[error("{0}")]
     Input(String),
     /// Plot that cannot be drawn.

@@ -4,7 +4,7 @@
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Table {
     pub(crate) heads: Vec<String>,
-    /// Cells of each row, as many as there are heads.
+    /// Cells of each row, one per head.
     pub(crate) rows: Vec<Vec<String>>,
 }
 
@@ -14,7 +14,7 @@ impl Table {
         Self { heads: heads.map(str::to_owned).into(), rows: rows.into_iter().map(Vec::from).collect() }
     }
 
-    /// Rows of which the first are the heads.
+    /// Rows, starting with the heads.
     pub(crate) fn with_heads<const N: usize>(rows: &[[String; N]]) -> Self {
         let mut rows = rows.iter().map(|row| row.to_vec());
         Self { heads: rows.next().unwrap_or_default(), rows: rows.collect() }

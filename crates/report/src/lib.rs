@@ -1,5 +1,5 @@
-//! Measures of trained models and everything that reports them: tables for papers, plots, pages,
-//! and the files that the field's scripts read.
+//! Measures of trained models and their reports: tables for papers, plots, pages, and the files
+//! that the field's scripts read.
 //!
 //! | module | report |
 //! |---|---|

@@ -1,7 +1,7 @@
 //! Learned light against the true one of a data set.
 //!
-//! Both lights are compared by the logarithm of their radiance, whose floor is a share of each
-//! light's own mean, with the solid angle of each direction as its weight w:
+//! Both lights are compared by the logarithm of their radiance, with a floor relative to each
+//! light's mean, weighted by the solid angle w of each direction:
 //!
 //! ```text
 //! correlation  Σ w (x − x̄)(y − ȳ) / √(Σ w (x − x̄)² Σ w (y − ȳ)²)
@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 
 /// Width and height of the maps that both lights are averaged to.
 pub const COMMON_SIZE: [usize; 2] = [32, 16];
-/// Share of the mean radiance below which a light counts as this bright: ten stops.
+/// Floor of radiance as a share of the mean: ten stops.
 const FLOOR: f64 = 1.0 / 1024.0;
 /// Width and height of each map in a picture.
 const PICTURE_SIZE: [usize; 2] = [512, 256];
@@ -40,14 +40,14 @@ const FILES: [&str; 2] = ["env.hdr", "env.exr"];
 /// Agreement of a learned light with the true one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightQuality {
-    /// Correlation of log radiance in maps of [`COMMON_SIZE`]; none where one of the lights is the
-    /// same everywhere.
+    /// Correlation of log radiance in maps of [`COMMON_SIZE`]; `None` if one of the lights is
+    /// constant.
     pub correlation: Option<f64>,
-    /// The same in the texels of the learned light.
+    /// Correlation in the texels of the learned light.
     pub correlation_texels: Option<f64>,
     /// Radiance of the learned light relative to the true one, in the texels of the former.
     pub scale: f64,
-    /// The same of red, green and blue.
+    /// Scale of red, green and blue.
     pub scale_rgb: [f64; 3],
 }
 
@@ -73,7 +73,7 @@ impl LightPair {
         Self { resolution, orientation, cubes }
     }
 
-    /// Compares the lights; none where one of them is black, or is not finite.
+    /// Compares the lights; `None` if one of them is black or not finite.
     pub fn quality(&self) -> Option<LightQuality> {
         let size = self.resolution;
         let solid_angle = |index: usize| cubemap::texel_solid_angle(index % size, index / size % size, size);
@@ -173,14 +173,14 @@ fn number(correlation: Option<f64>) -> String {
 
 /// Logarithms of the radiance of a light, direction by direction.
 struct Logs {
-    /// Of red, green and blue.
+    /// Logarithms of red, green and blue.
     channels: Vec<[f64; 3]>,
-    /// Of their mean.
+    /// Logarithms of their mean.
     grey: Vec<f64>,
 }
 
 impl Logs {
-    /// Logarithms of radiance from directions with these weights; none where the mean is not
+    /// Logarithms of radiance from directions with these weights; none if the mean is not
     /// positive and finite.
     fn new(rgb: &[f32], weights: &[f64]) -> Option<Self> {
         let colors = || rgb.as_chunks::<3>().0.iter().map(|color| color.map(f64::from));
@@ -195,15 +195,15 @@ impl Logs {
     }
 }
 
-/// Solid angle of a pixel in a row of a lat-long map, but for a factor: the difference of cosines.
+/// Solid angle of a pixel in a row of a lat-long map, up to a factor: the difference of cosines.
 fn row_solid_angle(row: usize, height: usize) -> f64 {
     let cosine = |edge: usize| (core::f64::consts::PI * edge as f64 / height as f64).cos();
     cosine(row) - cosine(row + 1)
 }
 
-/// Weighted correlation of two lists of numbers; none where one of them is constant.
+/// Weighted correlation of two lists of numbers; none if one of them is constant.
 fn correlation(x: &[f64], y: &[f64], weights: &[f64]) -> Option<f64> {
-    /// Variance of numbers that differ by rounding alone.
+    /// Variance of numbers that differ only by rounding.
     const CONSTANT: f64 = 1e-10;
     let total: f64 = weights.iter().sum();
     let mean = |of: &dyn Fn(usize) -> f64| {
@@ -216,9 +216,9 @@ fn correlation(x: &[f64], y: &[f64], weights: &[f64]) -> Option<f64> {
     (xx > CONSTANT && yy > CONSTANT).then(|| product(x, mean_x, y, mean_y) / (xx * yy).sqrt())
 }
 
-/// Compares the light of a scene with the true one of a data set in this orientation; none where
-/// either has no light, or where one is black. Returns the lights for a picture, and a warning for
-/// each property of the file that a light rarely has.
+/// Compares the light of a scene with the true one of a data set in this orientation; `None` if
+/// either has no light, or one is black. Returns the lights for a picture, and a warning for each
+/// unusual property of the file.
 ///
 /// # Errors
 ///
@@ -279,8 +279,8 @@ mod tests {
     }
 
     #[test]
-    fn channels_have_scales_of_their_own_and_their_geometric_mean_is_the_whole() {
-        // Channels that no floor reaches.
+    fn the_scale_is_the_geometric_mean_of_the_channels() {
+        // Channels above the floor.
         let measured = quality(&learned(&map(), [1.0, 2.0, 4.0]), &map());
         for (found, factor) in measured.scale_rgb.iter().zip([1.0, 2.0, 4.0]) {
             assert!((found - factor).abs() < ROUNDING, "{measured:?}");
@@ -298,7 +298,7 @@ mod tests {
         let correlations = [0.0, 20.0, 90.0].map(|degrees| turned(degrees).correlation.unwrap());
         assert!(correlations[0] > 0.999 && correlations[1] < 0.9 && correlations[2] < 0.5, "{correlations:?}");
         assert!(correlations.windows(2).all(|pair| pair[0] > pair[1]), "{correlations:?}");
-        assert!((turned(90.0).scale - 1.0).abs() < 0.02, "a turn is no change of brightness");
+        assert!((turned(90.0).scale - 1.0).abs() < 0.02, "a turn does not change the brightness");
 
         let inverse = Environment { values: light.values.iter().map(|value| value.recip()).collect(), ..light.clone() };
         assert!(quality(&inverse, &map()).correlation_texels.unwrap() < -0.9);
@@ -329,9 +329,9 @@ mod tests {
         assert!(pair_picture.height() > 3 * PICTURE_SIZE[1] as u32 && pair_picture.width() as usize >= PICTURE_SIZE[0]);
         let row = |y: u32| (0..PICTURE_SIZE[0] as u32).map(|x| pair_picture.get_pixel(x, y).0).collect::<Vec<_>>();
         let panel = Panel::new(RgbImage::new(PICTURE_SIZE[0] as u32, PICTURE_SIZE[1] as u32), "one map");
-        let of_one = picture::montage(&[vec![panel]]).height();
+        let panel_height = picture::montage(&[vec![panel]]).height();
         // From the top of a map to that of the next.
-        let step = (pair_picture.height() - of_one) / 2;
+        let step = (pair_picture.height() - panel_height) / 2;
         let middles = [0, 1, 2].map(|k| row(k * step + step / 2));
         let apart = |one: &[[u8; 3]], other: &[[u8; 3]]| {
             one.iter().flatten().zip(other.iter().flatten()).map(|(a, b)| a.abs_diff(*b)).max().unwrap()

@@ -17,8 +17,8 @@ pub struct LpipsNetwork {
 }
 
 impl LpipsNetwork {
-    /// Reads a network. A network is a program: one from a stranger is to be tried in a process
-    /// with limits on time and memory first.
+    /// Reads a network. A network is a program: test an untrusted one first in a process with
+    /// limits on time and memory.
     ///
     /// # Errors
     ///
@@ -37,7 +37,7 @@ impl LpipsNetwork {
     pub fn try_size(&self, [width, height]: [u32; 2]) {
         let [width, height] = [width, height].map(|edge| edge as usize);
         let picture = |value: f32| Image { width, height, channels: 3, values: vec![value; 3 * width * height] };
-        // A size that is too small is reported with the view that has it.
+        // A size that is too small is reported later, with its view.
         let _ = self.network.distance(&picture(0.25), &picture(0.75));
     }
 
@@ -55,7 +55,7 @@ impl LpipsNetwork {
     fn not_measured(&self, view: &View, error: &Unfit) -> Error {
         let [width, height] = [view.camera.width, view.camera.height];
         Error::Input(format!(
-            "LPIPS of view {:?} ({width} × {height} pixels) cannot be measured by {:?}: {error}",
+            "cannot measure LPIPS of view {:?} ({width} × {height} pixels) by {:?}: {error}",
             view.name, self.path
         ))
     }

@@ -27,7 +27,7 @@ use specula_io::{
 };
 use specula_scene::{RenderOptions, Scene, SceneError, SceneRenderer, Shading};
 
-/// Error of roughness and metalness where nothing was rendered: the largest there is.
+/// Error of roughness and metalness in pixels without a rendered surface: the maximum.
 const NOTHING_RENDERED: f64 = 1.0;
 
 /// Agreement of the materials of some views with ground truth.
@@ -40,7 +40,7 @@ pub struct MaterialQuality {
     pub views: Vec<MaterialErrors>,
 }
 
-/// Errors of the materials of one view; none of what has no ground truth.
+/// Errors of the materials of one view, `None` without ground truth.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MaterialErrors {
     /// PSNR in dB of the albedo after scaling, 8-bit sRGB.
@@ -52,9 +52,9 @@ pub struct MaterialErrors {
 }
 
 impl MaterialQuality {
-    /// Renders the materials of each view with ground truth and measures them; none where the scene
-    /// has no physical materials, or no view has ground truth. `truth` gives that of a view by its
-    /// index; `progress` is given the number of views so far.
+    /// Renders the materials of each view with ground truth and measures them; `None` if the scene
+    /// has no physical materials, or no view has ground truth. `truth` returns the ground truth of
+    /// a view by its index; `progress` receives the number of views so far.
     ///
     /// # Errors
     ///
@@ -115,10 +115,10 @@ impl MaterialErrors {
     }
 }
 
-/// Rendered materials of a view beside their ground truth.
+/// Rendered materials of a view with their ground truth.
 #[derive(Clone, Debug, Default)]
 pub struct ViewMaterials {
-    /// Rendered, linear, and true albedo, 8-bit sRGB, of each pixel that has a true one.
+    /// Rendered albedo, linear, and true albedo, 8-bit sRGB, of each pixel with a true one.
     albedo: Vec<([f32; 3], [u8; 3])>,
     /// Sums of the errors of roughness and metalness, and numbers of pixels.
     surfaces: [(f64, usize); 2],
@@ -134,7 +134,7 @@ impl ViewMaterials {
     pub fn new(image: &Image<Vec<f32>>, truth: &Materials) -> Self {
         assert_eq!(image.channels, Channels::Layers.count() + 1, "materials are layers");
         let coverage = |pixel: usize| 1.0 - image.plane(image.channels - 1)[pixel];
-        // The mean of what covers a pixel is what light falls on.
+        // Light falls on the mean of the surfaces that cover a pixel.
         let at = |plane: usize, pixel: usize| image.plane(plane)[pixel] / coverage(pixel);
         let is_rendered = |pixel: usize| coverage(pixel) > COVERAGE_MIN;
         let albedo = |pixel: usize| match is_rendered(pixel) {
@@ -170,7 +170,7 @@ impl ViewMaterials {
     }
 }
 
-/// Index and colour of each pixel that ground truth knows.
+/// Index and colour of each pixel with ground truth.
 fn known<'a>(image: &Image<Vec<f32>>, truth: Option<&'a Pixels>) -> impl Iterator<Item = (usize, [u8; 3])> + use<'a> {
     let is_of_size = |truth: &Pixels| [truth.width as usize, truth.height as usize] == [image.width, image.height];
     assert!(truth.is_none_or(is_of_size), "ground truth has the size of its view");
@@ -201,9 +201,9 @@ fn mean((sum, count): (f64, usize)) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// Difference of numbers in `f32` that are equal but for rounding.
+    /// Difference of numbers in `f32` that are equal up to rounding.
     const ROUNDING: f64 = 1e-6;
-    /// Share by which a factor is off where the true albedo is rounded to 8 bits.
+    /// Relative error of a factor when the true albedo is rounded to 8 bits.
     const QUANTISED: f32 = 0.01;
     const WIDTH: usize = 6;
 
@@ -230,7 +230,7 @@ mod tests {
         [40, 90, 60].map(|byte| byte + 20 * pixel as u8)
     }
 
-    /// View whose linear albedo is the true one times `factors`, and `change` levels off.
+    /// View with the true linear albedo times `factors`, changed by `change` levels.
     fn scaled(factors: [f32; 3], change: impl Fn(usize) -> i16) -> ViewMaterials {
         let linear = |pixel: usize, k: usize| {
             let byte = i16::from(color(pixel)[k]) + change(pixel);
@@ -260,7 +260,7 @@ mod tests {
 
     #[test]
     fn a_known_error_of_the_albedo_has_its_psnr() {
-        /// Levels by which pixels are off, in turns.
+        /// Errors of pixels in levels, alternating.
         const LEVELS: i16 = 10;
         let view = scaled([1.0; 3], |pixel| if pixel % 2 == 0 { LEVELS } else { -LEVELS });
         let expected = 20.0 * (255.0 / f64::from(LEVELS)).log10();
@@ -279,7 +279,7 @@ mod tests {
         assert!((errors.metalness.unwrap() - 0.125).abs() < ROUNDING, "{errors:?}");
         assert_eq!(errors.albedo_psnr, None);
         let nothing = MaterialQuality::of(&[ViewMaterials::new(&image(&shown, 0.0), &truth)]).views[0];
-        assert_eq!((nothing.roughness, nothing.metalness), (Some(1.0), Some(1.0)), "what is missing is wrong");
+        assert_eq!((nothing.roughness, nothing.metalness), (Some(1.0), Some(1.0)), "missing surfaces count as errors");
     }
 
     #[test]

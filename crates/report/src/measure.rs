@@ -1,7 +1,7 @@
 //! Measures of picture quality, and the files in which the field's scripts expect them.
 //!
 //! One list holds all measures, with names, digits and direction; lines, files, pages and tables
-//! follow it. `train` measures what the pictures alone provide, `eval` adds slower measures.
+//! follow it. `train` computes the measures that need only pictures, `eval` adds slower ones.
 //! `results.json` keeps INRIA's form, a method with its values, and the name of a method records
 //! each setting that differs from the training, so that evaluations do not overwrite each other.
 
@@ -21,7 +21,7 @@ pub struct Measure {
     pub name: &'static str,
     /// Name in text and tables.
     pub label: &'static str,
-    /// Unit as it follows a number, with its space.
+    /// Unit after a number, including the space.
     pub unit: &'static str,
     /// Significant decimal places.
     pub decimals: usize,
@@ -75,13 +75,13 @@ impl Measure {
         format!("{value:.0$}", self.decimals)
     }
 
-    /// Value with a sign by which larger is better.
+    /// Value with its sign chosen so that larger is better.
     pub fn goodness(&self, value: f64) -> f64 {
         if self.higher_is_better { value } else { -value }
     }
 }
 
-/// Value of each of [`MEASURES`]; none where it was not taken.
+/// Value of each of [`MEASURES`]; `None` if it was not computed.
 pub type Values = [Option<f64>; MEASURES.len()];
 
 /// Measures of one view.
@@ -103,14 +103,14 @@ impl From<ViewQuality> for ViewMeasures {
 }
 
 impl ViewMeasures {
-    /// The measures of a view; none if no pixel of it is known.
+    /// Measures of a view; `None` if no pixel of it is known.
     pub fn of_known(self, view: &View) -> Self {
         if view.is_unknown() { Self { values: [None; MEASURES.len()], ..self } } else { self }
     }
 }
 
-/// Measures every view over a background in sRGB; once more after the exposure that fits it best,
-/// if `is_exposed`. Views without a known pixel have no measures. `progress` is given the number of
+/// Measures every view over a background in sRGB, and again after the best-fitting exposure if
+/// `is_exposed`. Views without a known pixel have no measures. `progress` receives the number of
 /// measured views.
 ///
 /// # Errors

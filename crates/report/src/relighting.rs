@@ -2,8 +2,8 @@
 //!
 //! Light and reflectance are known only up to a factor per colour channel, so PSNR is measured by
 //! several protocols: as rendered, after the factors of linear red, green and blue that fit the
-//! ground truth of all views best, and after factors of each view's own. A fourth protocol scales
-//! the albedo before it is rendered ([`specula_scene::Scene::scale_albedo`]), which is measured as
+//! ground truth of all views best, and after separate factors for each view. A fourth protocol
+//! scales the albedo before rendering ([`specula_scene::Scene::scale_albedo`]) and measures as
 //! rendered.
 
 use crate::error::{Error, Result};
@@ -21,11 +21,11 @@ use std::path::Path;
 
 /// Coverage below which a colour cannot be distinguished from its background.
 const COVERAGE_MIN: f32 = 1e-3;
-/// Logarithm of the largest factor that is searched, and less the smallest.
+/// Logarithm of the largest factor of the search; minus that of the smallest.
 const LOG_FACTOR_MAX: f32 = 3.0;
 /// Steps of the search; each keeps 0.618 of the range.
 const SEARCH_STEPS: usize = 24;
-/// Distance in pixels between those that the search compares.
+/// Stride in pixels of the search.
 const PIXEL_STRIDE: usize = 5;
 
 /// Ground-truth pictures of some of the views.
@@ -53,7 +53,7 @@ impl GroundTruth {
         if pictures.iter().all(Option::is_none) {
             let first = cameras.first().map_or("", |(name, _)| name);
             return Err(Error::Input(format!(
-                "no picture in {folder:?} is named as a view; expected are names such as {first}.png"
+                "no picture in {folder:?} has the name of a view; expected are names such as {first}.png"
             )));
         }
         Ok(Self { pictures })
@@ -64,7 +64,7 @@ impl GroundTruth {
         self.pictures.get(index).is_some_and(Option::is_some)
     }
 
-    /// Rendered view paired with its picture; none where the view has no picture.
+    /// Rendered view paired with its picture; `None` if the view has no picture.
     pub fn pair(&self, index: usize, image: &Image<Vec<f32>>) -> Option<RelitView> {
         self.pictures.get(index)?.as_ref().map(|truth| RelitView::new(image, truth))
     }
@@ -132,7 +132,7 @@ pub struct RelightingQuality {
     pub psnr_scaled: f64,
     /// Factors of linear red, green and blue, the same for all views.
     pub scale: [f32; 3],
-    /// Mean PSNR in dB, after scaling each view by factors of its own.
+    /// Mean PSNR in dB, after scaling each view by separate factors.
     pub psnr_view_scaled: f64,
 }
 

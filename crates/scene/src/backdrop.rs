@@ -26,7 +26,7 @@ const RESOLUTIONS: [usize; 2] = [64, 1024];
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BackgroundColor(pub [f32; 3]);
 
-/// Text that names no [`BackgroundColor`].
+/// Text that is not a [`BackgroundColor`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("use black, white, or three numbers from 0 to 1 such as 0.5,0.5,0.5")]
 pub struct InvalidColor;
@@ -69,8 +69,7 @@ impl fmt::Display for BackgroundColor {
 
 serialize_as_text!(BackgroundColor);
 
-/// Background that is asked for: a colour, `env` for the environment light, or `transparent` for
-/// none.
+/// Requested background: a colour, `env` for the environment light, or `transparent` for none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BackgroundChoice {
     /// A colour.
@@ -81,7 +80,7 @@ pub enum BackgroundChoice {
     Transparent,
 }
 
-/// Text that names no [`BackgroundChoice`].
+/// Text that is not a [`BackgroundChoice`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("use black, white, env, transparent, or three numbers from 0 to 1 such as 0.5,0.5,0.5")]
 pub struct InvalidBackground;
@@ -117,13 +116,13 @@ pub enum Backdrop {
     Environment(Environment<Vec<f32>>),
     /// None: pictures have straight alpha.
     Transparent,
-    /// Another background, and a ground on it that catches shadows.
+    /// Another background with a ground that catches shadows.
     Ground(Box<Self>, Arc<Ground>),
 }
 
 impl Backdrop {
-    /// Lat-long map behind the views of some cameras: a cube whose texels are about as wide as a
-    /// pixel, unless those of the map are wider.
+    /// Lat-long map behind the views of some cameras: a cube with texels about as wide as a pixel,
+    /// or as wide as the map's if those are wider.
     pub fn from_map<'a>(
         map: &LatLong,
         orientation: MapOrientation,
@@ -201,7 +200,7 @@ impl Backdrop {
     }
 }
 
-/// Rendered view with straight alpha in front of black that lets a share of the background through,
+/// Rendered view with straight alpha in front of black that transmits a share of the background,
 /// `passed` at each pixel: with premultiplied colours C and transmittance T, alpha is a = 1 − T ·
 /// passed, and colours are C / a, at most white.
 fn transparent(image: &Image<Vec<f32>>, passed: impl Fn(usize) -> f32) -> RgbaImage {
@@ -229,7 +228,7 @@ pub fn over_environment(image: &Image<Vec<f32>>, light: &Environment<Vec<f32>>, 
     over_colors(image, &environment_colors(light, camera))
 }
 
-/// Colours of a rendered view over those behind each pixel, as three planes in sRGB.
+/// Colours of a rendered view over the background of each pixel, as three planes in sRGB.
 fn over_colors(image: &Image<Vec<f32>>, behind: &[[f32; 3]]) -> Vec<f32> {
     let transmittance = image.plane(image.channels - 1);
     let plane = |c: usize| {
@@ -258,9 +257,9 @@ mod tests {
     use specula_core::{cubemap, scene::RadianceActivation};
 
     #[test]
-    fn behind_each_pixel_is_the_light_from_its_direction() {
+    fn the_background_of_a_pixel_is_the_light_from_its_direction() {
         const RESOLUTION: usize = 8;
-        // Radiance is a linear function of the place on a face, which bilinear look-ups keep.
+        // Radiance is linear on a face, so bilinear lookups are exact.
         let texel = |index: usize| {
             let (face, row, column) = (index / 64, index / 8 % 8, index % 8);
             let [x, y, z] = cubemap::texel_direction(face, column, row, RESOLUTION);
@@ -292,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn names_and_numbers_are_colours_and_nothing_else_is() {
+    fn only_names_and_numbers_are_colours() {
         assert_eq!("white".parse(), Ok(BackgroundColor::WHITE));
         assert_eq!("0.25, 0.5,1".parse(), Ok(BackgroundColor([0.25, 0.5, 1.0])));
         assert_eq!(BackgroundColor([0.1, 0.5, 1.0]).to_string().parse(), Ok(BackgroundColor([0.1, 0.5, 1.0])));

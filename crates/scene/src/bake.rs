@@ -1,13 +1,13 @@
-//! Baking of a shading function into spherical harmonics: the look of a scene under its light, for
-//! programs that have no shading function.
+//! Baking of a shading function into spherical harmonics: the colours of a scene under its light,
+//! for programs without a shading function.
 //!
 //! The colours of a Gaussian towards cameras are fitted by weighted least squares
 //! ([`specula_core::sh_fit`]). A camera's weight is the contribution of the Gaussian to its
-//! picture, Σ αT over the pixels, so that hidden Gaussians do not count and harmonics describe the
-//! directions of the cameras. `UNIFORM_COUNT` directions around, the same for all Gaussians, have
-//! `UNIFORM_WEIGHT` of the cameras' weight together, which keeps other views plausible. In models
-//! that look light up per pixel, a Gaussian is shaded by the light of the pixels that show it,
-//! whose mean normals are smoother than its own.
+//! picture, Σ αT over the pixels, so that hidden Gaussians do not count and the harmonics fit the
+//! cameras' directions. `UNIFORM_COUNT` uniform directions, the same for all Gaussians, have a
+//! total of `UNIFORM_WEIGHT` times the cameras' weight, which keeps other views plausible. In
+//! models that look light up per pixel, a Gaussian is shaded by the light of the pixels that show
+//! it; their mean normals are smoother than its own.
 
 use crate::{Scene, ShadingModel, environment::fitting, renderer::upload_near_field};
 use glam::Vec3;
@@ -32,7 +32,7 @@ use specula_mesh::fusion::evenly_spaced;
 
 /// Number of uniform directions around each Gaussian.
 const UNIFORM_COUNT: usize = 256;
-/// Weight of the uniform directions together, relative to that of the cameras.
+/// Total weight of the uniform directions, relative to that of the cameras.
 const UNIFORM_WEIGHT: f64 = 0.02;
 /// Largest number of cameras that are rendered.
 const CAMERAS_MAX: usize = 96;
@@ -57,8 +57,8 @@ pub struct Baked {
 /// Bakes the colours of a shaded scene, as seen from cameras, into harmonics of this degree, 0 to
 /// 3. Without a light nothing specular is baked.
 ///
-/// The result of an executor is the same on every run. `progress` is given the number of steps that
-/// are done, and of all steps.
+/// The result of an executor is the same on every run. `progress` receives the number of steps done
+/// and of all steps.
 ///
 /// # Errors
 ///
@@ -84,11 +84,11 @@ pub fn bake<E: ReadBack>(
     baker.fit(&scene.gaussians, &views, degree, |chunks| progress(cameras.len() + chunks, steps))
 }
 
-/// Bakes the diffuse colours of a shaded scene alone, without any light.
+/// Bakes only the diffuse colours of a shaded scene, without any light.
 ///
 /// # Errors
 ///
-/// Those of [`bake`], which finds the normals.
+/// Those of [`bake`], which computes the normals.
 pub fn bake_diffuse<E: ReadBack>(
     exec: E,
     scene: &Scene,
@@ -118,7 +118,7 @@ pub struct ActivatedAttributes {
 }
 
 impl ActivatedAttributes {
-    /// Attributes of one of the Gaussians of a shaded scene.
+    /// Attributes of a Gaussian of a shaded scene.
     pub fn of(gaussians: &Gaussians<Vec<f32>>, index: usize, shading: ShadingRules) -> Self {
         let material = material(gaussians, index, shading);
         let Surface { diffuse, tint, .. } = surface(&material, vector([0.0, 0.0, 1.0]), shading);
@@ -126,7 +126,7 @@ impl ActivatedAttributes {
     }
 }
 
-/// Diffuse colour of a Gaussian as it is shown without light, of a physical material its albedo.
+/// Diffuse colour of a Gaussian without light; the albedo of a physical material.
 fn diffuse_color(gaussians: &Gaussians<Vec<f32>>, index: usize, shading: ShadingRules) -> Vector<f32> {
     let diffuse = shade::diffuse(material(gaussians, index, shading).diffuse, shading);
     let form = match shading.form {
@@ -136,7 +136,7 @@ fn diffuse_color(gaussians: &Gaussians<Vec<f32>>, index: usize, shading: Shading
     shade::shade(form, &Terms::unlit(diffuse, Vector::default()))
 }
 
-/// Shading rules under which each Gaussian looks the light up itself.
+/// Shading rules that look the light up per Gaussian.
 fn per_gaussian(shading: ShadingRules) -> ShadingRules {
     match shading.form {
         ShadingForm::Deferred => ShadingRules { form: ShadingForm::Paper, ..shading },
@@ -153,13 +153,13 @@ struct ViewSamples {
     colors: Vec<[f32; 3]>,
 }
 
-/// Executor and light of a baking.
+/// Executor and light for baking.
 struct Baker<E: ReadBack> {
     exec: E,
     light: Option<E::Light>,
     /// Rules of the scene's pictures, with all layers.
     picture_rules: RenderRules,
-    /// Rules of Gaussians that look the light up themselves.
+    /// Rules that look the light up per Gaussian.
     gaussian_rules: RenderRules,
 }
 
@@ -194,9 +194,9 @@ impl<E: ReadBack> Baker<E> {
 
     /// Contributions and colours of Gaussians in a view. By linearity, the gradients of a
     /// Gaussian's channels are sums over the pixels, each times the Gaussian's share αT of the
-    /// pixel. So its weight and the light of its pixels are gradients for pictures of coverage and
-    /// of light. A Gaussian of a physical material has the mean colour of its pixels, which are lit
-    /// past the scene's surface.
+    /// pixel. So its weight and the light of its pixels are gradients of pictures of coverage and
+    /// of light. A Gaussian of a physical material has the mean colour of its pixels, which are
+    /// occluded by the scene's surface.
     fn sample_view(&mut self, gaussians: &Gaussians<E::Array>, camera: &Camera) -> Result<ViewSamples, E::Error> {
         let (camera, rules) = (camera.limited(EDGE_MAX_PX), self.picture_rules);
         let (exec, light) = (&mut self.exec, self.light.as_ref());
@@ -227,7 +227,7 @@ impl<E: ReadBack> Baker<E> {
         })
     }
 
-    /// Colours of Gaussians towards uniform directions, direction by direction: Gaussians in the
+    /// Colours of Gaussians towards uniform directions, direction by direction: Gaussians at the
     /// origin, seen from the unit sphere.
     fn sample_uniform(&mut self, gaussians: &Gaussians<Vec<f32>>) -> Result<Vec<Vec<[f32; 3]>>, E::Error> {
         let Self { exec, light, gaussian_rules: rules, .. } = self;
@@ -265,7 +265,7 @@ impl<E: ReadBack> Baker<E> {
                 .into_par_iter()
                 .map(|k| {
                     let samples = ColorSamples::new(first + k, chunk.get::<3>(k, MEAN).into(), views);
-                    // Without its pixels a physical material has no light.
+                    // A physical material is lit only through its pixels.
                     let seen = if is_physical { samples.mean_color() } else { None };
                     (
                         samples.fit(&uniform, |direction| seen.unwrap_or(around[direction][k])),
@@ -303,7 +303,7 @@ impl UniformDirections {
     }
 }
 
-/// Index of the coverage among a gradient's planes, behind three of light.
+/// Index of the coverage among a gradient's planes, after three of light.
 const WEIGHT: usize = 3;
 /// Planes of a gradient that are not zero.
 const SUMS: usize = WEIGHT + 1;
@@ -317,7 +317,7 @@ fn shown_and_coverage(picture: &[f32], shown: usize, pixels: usize) -> Vec<f32> 
     planes
 }
 
-/// Mean of the pixels that show a Gaussian, from their sums and that of coverage; black where none
+/// Mean of the pixels that show a Gaussian, from their sums and that of coverage; black if none
 /// does.
 fn mean_of_pixels([r, g, b, weight]: [f32; SUMS]) -> [f32; 3] {
     if weight > 0.0 { [r, g, b].map(|sum| sum / weight) } else { [0.0; 3] }
@@ -357,7 +357,7 @@ impl ColorSamples {
         (total > 0.0).then(|| [0, 1, 2].map(|c| mean(c) as f32))
     }
 
-    /// Coefficients of harmonics; `around` gives the colours of the uniform directions.
+    /// Coefficients of harmonics; `around` returns the colours of the uniform directions.
     fn fit(&self, uniform: &UniformDirections, around: impl Fn(usize) -> [f32; 3]) -> [[f32; 3]; 16] {
         let total = self.total_weight();
         let uniform_weight = if total > 0.0 { UNIFORM_WEIGHT } else { 1.0 };
@@ -385,7 +385,7 @@ fn normal(gaussians: &Gaussians<Vec<f32>>, index: usize, towards: Vec3, shading:
 }
 
 fn material(gaussians: &Gaussians<Vec<f32>>, index: usize, shading: ShadingRules) -> Material<f32> {
-    // The prefilter and the channels are of no consequence for materials.
+    // The prefilter and the channels do not affect materials.
     let rules = RenderRules::full(shading, PrefilterScheme::Exact, Channels::Color);
     GaussianShading { layout: gaussians.layout, rules }.material(&StoredGaussian { gaussians, index })
 }
@@ -407,8 +407,8 @@ fn part(gaussians: &Gaussians<Vec<f32>>, first: usize, count: usize) -> Gaussian
     Gaussians { count, layout: gaussians.layout, values }
 }
 
-/// Gaussians in the origin, small and opaque so that all are drawn; the order of scales, which
-/// decides the axis of normals, is kept.
+/// Gaussians at the origin, small and opaque so that all are drawn; keeps the order of scales,
+/// which determines the axis of normals.
 fn in_the_origin(gaussians: &Gaussians<Vec<f32>>) -> Gaussians<Vec<f32>> {
     const LOG_SIZE: f32 = -5.0;
     let mut centred = gaussians.clone();

@@ -41,8 +41,7 @@ impl Split {
     }
 }
 
-/// Cameras that are asked for; by default the test views, else all of the model's cameras, else a
-/// turntable.
+/// Requested cameras; by default the test views, else all of the model's cameras, else a turntable.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraChoice {
     /// File of cameras.
@@ -53,7 +52,7 @@ pub struct CameraChoice {
     pub turntable: Option<u32>,
     /// Width and height of pictures in pixels; by default those of the cameras.
     pub size: Option<[u32; 2]>,
-    /// Whether pictures are turned by multiples of 90° until the scene's up direction points up.
+    /// Rotates pictures by multiples of 90° so that the scene's up direction points up.
     pub is_upright: bool,
     /// Up direction of the scene, a vector of any length but 0, instead of that of the model.
     pub up: Option<[f64; 3]>,
@@ -64,7 +63,7 @@ pub struct CameraChoice {
 pub struct CameraSet {
     /// Name of the set, which names the folder of its pictures.
     pub name: &'static str,
-    /// Cameras, whose near planes are in proportion to how far the cameras of the model spread.
+    /// Cameras, with near planes proportional to the spread of the model's cameras.
     pub cameras: Vec<NamedCamera>,
     /// Origin of their positions in the world of the model's data set.
     pub origin: [f64; 3],
@@ -72,14 +71,14 @@ pub struct CameraSet {
     pub split: Option<Split>,
     /// Whether the pictures are frames of an animation.
     pub is_turntable: bool,
-    /// Whether any picture was turned until it is upright.
+    /// True if any picture was rotated to be upright.
     pub is_turned: bool,
     /// Requested size, if it differs from that of the views.
     pub other_size: Option<[u32; 2]>,
 }
 
 impl CameraSet {
-    /// Cameras that are asked for.
+    /// Requested cameras.
     ///
     /// # Errors
     ///
@@ -137,7 +136,7 @@ impl CameraSet {
         }
     }
 
-    /// Split of the model's cameras, which are listed test views first.
+    /// Split of the model's cameras; test views come first in their list.
     fn of_split(
         requested: Option<Split>,
         mut cameras: Vec<NamedCamera>,

@@ -1,9 +1,9 @@
 //! Data sets for trainings: pictures are decoded when a training or a measurement needs them, and
-//! ranks share what has to be known of all of them.
+//! ranks share the facts of all pictures.
 //!
-//! At the start each rank decodes its part of the pictures, once, and gathers the facts of all:
-//! sizes, alpha, checksums of the pixels. A picture that is decoded later is compared with its
-//! checksum, so that no rank trains on other pixels than the others.
+//! At the start each rank decodes its share of the pictures once and gathers the facts of all:
+//! sizes, alpha, checksums of the pixels. Later decoding verifies the checksum, so that all ranks
+//! train on the same pixels.
 
 mod facts;
 
@@ -36,7 +36,7 @@ use specula_train::{
 };
 use std::{path::Path, sync::Arc};
 
-/// Data set of which a training reads pictures when it needs them.
+/// Data set with pictures that are decoded on demand.
 #[derive(Debug)]
 pub struct Capture {
     /// Pictures to train on.
@@ -52,9 +52,9 @@ pub struct Capture {
     points: Option<Vec<Point>>,
     album: Arc<Album>,
     extracts: Vec<Extracts>,
-    /// Views to train on that were decoded at the start and fit into memory.
+    /// Training views that were decoded at the start and fit into memory.
     decoded: Vec<(usize, View)>,
-    /// Bytes of pixels that are held at most.
+    /// Maximum bytes of decoded pixels.
     budget: u64,
 }
 
@@ -64,13 +64,13 @@ pub struct Reading<'a> {
     pub folder: &'a Path,
     /// Options of the data set.
     pub options: &'a LoadOptions,
-    /// Initial points that will be taken; none where a training is resumed.
+    /// Initial points; `None` if a training is resumed.
     pub points: Option<InitialPoints>,
     /// Seed of these points.
     pub seed: u64,
     /// Number of this rank among those of its machine.
     pub local: usize,
-    /// Bytes of decoded pixels to hold at most, by the number of ranks that share a machine.
+    /// Maximum bytes of decoded pixels, by the number of ranks that share a machine.
     pub budget: &'a dyn Fn(usize) -> u64,
 }
 
@@ -81,14 +81,15 @@ impl core::fmt::Debug for Reading<'_> {
 }
 
 impl Capture {
-    /// Reads a data set on all cores, with the other ranks if there is an `exchange`. `progress` is
-    /// called with the number of decoded images and of all that this rank decodes, from any thread.
+    /// Reads a data set on all cores, with the other ranks if there is an `exchange`. Calls
+    /// `progress` with the number of decoded images and of all images of this rank, from any
+    /// thread.
     ///
     /// # Errors
     ///
-    /// [`SceneError::File`], the first in the list's order, on the rank that met it, and
-    /// [`SceneError::Training`] with its sentence on all others; [`SceneError::Ranks`] where a rank
-    /// is gone or lists another data set.
+    /// [`SceneError::File`], the first in the list's order, on the rank where it occurred, and
+    /// [`SceneError::Training`] with its sentence on all others; [`SceneError::Ranks`] if a rank is
+    /// gone or lists another data set.
     pub fn read(
         reading: &Reading<'_>,
         mut exchange: Option<&mut dyn Exchange>,
@@ -166,8 +167,7 @@ impl Capture {
         summary(&self.album.report.source, &train, &test, self.points.as_ref().map_or(0, Vec::len))
     }
 
-    /// Takes the points of the data set out of it, with random points behind them, or draws random
-    /// points.
+    /// Takes the points out of the data set and appends random points, or draws only random points.
     pub fn take_points(&mut self, points: InitialPoints, seed: u64) -> Vec<Point> {
         let cameras = self.cameras();
         let (silhouettes, samples): (Vec<_>, Vec<_>) = core::mem::take(&mut self.extracts)
@@ -236,7 +236,7 @@ impl Capture {
     }
 }
 
-/// Views held out, which are decoded some at a time on all threads.
+/// Test views, decoded a few at a time on all threads.
 #[derive(Debug)]
 pub struct HeldOut<'a> {
     capture: &'a Capture,
@@ -248,9 +248,9 @@ impl HeldOut<'_> {
     ///
     /// # Errors
     ///
-    /// [`SceneError::File`]: a picture that cannot be decoded, or is not what it was at the start.
+    /// [`SceneError::File`]: a picture that cannot be decoded, or has changed since the start.
     pub fn next_some(&mut self) -> Result<Option<Vec<(View, Materials)>>, SceneError> {
-        /// Views for each thread, which wait for those of other threads.
+        /// Maximum number of finished views per thread that wait for other threads.
         const EACH: usize = 4;
         let Capture { train, test, album, .. } = self.capture;
         let first = self.next;
@@ -262,14 +262,14 @@ impl HeldOut<'_> {
     }
 }
 
-/// Number of threads that decode beside a training: a part of those that train.
+/// Number of threads that decode during a training: a share of the training threads.
 fn decoder_count() -> usize {
     const TRAINING_THREADS: usize = 4;
     const MOST: usize = 8;
     (rayon::current_num_threads() / TRAINING_THREADS).clamp(1, MOST)
 }
 
-/// Decodes a picture once more and compares it with what it was.
+/// Decodes a picture again and verifies that it has not changed.
 fn opened(album: &Album, index: usize, photograph: &Photograph) -> Result<(View, Materials), Error> {
     let (mut view, _) = album.open(index)?;
     let materials = core::mem::take(&mut view.materials);
@@ -281,7 +281,7 @@ fn opened(album: &Album, index: usize, photograph: &Photograph) -> Result<(View,
     Ok((View { camera, ..view }, materials))
 }
 
-/// View without ground truth, which no training reads.
+/// View without ground truth, which trainings do not use.
 fn without_truth(view: View) -> View {
     View { normals: None, ..view }
 }
@@ -319,7 +319,7 @@ fn decode(
     }
 }
 
-/// Error of a rank that sent something else than facts.
+/// Error for a rank that sent an invalid message.
 fn malformed(rank: usize) -> SceneError {
-    SceneError::Ranks(ExchangeError::Transport(format!("rank {rank} sent facts of pictures that are none")))
+    SceneError::Ranks(ExchangeError::Transport(format!("rank {rank} sent an invalid message about pictures")))
 }

@@ -1,5 +1,5 @@
-//! Data sets as trainings take them: views with a common near plane, initial points, and the
-//! orientation that the cameras tell.
+//! Data sets for trainings: views with a common near plane, initial points, and the orientation
+//! estimated from the cameras.
 
 use crate::{number::group_digits, orientation::estimate};
 use specula_core::camera::{Camera, near_of};
@@ -18,16 +18,15 @@ use specula_train::{
 };
 use std::path::{Path, PathBuf};
 
-/// Number of random points by default, where a data set has none.
+/// Default number of random points if a data set has none.
 pub(crate) const RANDOM_POINTS: u32 = 20_000;
 
 /// Initial points of a training.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct InitialPoints {
-    /// Number of random points in place of those of the data set; by default 20 000 where it has
-    /// none.
+    /// Number of random points instead of those of the data set; by default 20 000 if it has none.
     pub random: Option<u32>,
-    /// Number of random points behind those of the data set.
+    /// Number of random points appended to those of the data set.
     pub background: u32,
 }
 
@@ -38,7 +37,7 @@ pub struct Dataset {
     pub train: Vec<View>,
     /// Views held out.
     pub test: Vec<View>,
-    /// Ground-truth materials of each view held out; empty where a view has none.
+    /// Ground-truth materials of each view held out; empty if a view has none.
     pub test_materials: Vec<Materials>,
     /// Initial points.
     pub points: Option<Vec<Point>>,
@@ -46,7 +45,7 @@ pub struct Dataset {
     pub origin: [f64; 3],
     /// Orientation estimated from the cameras; none without cameras.
     pub orientation: Option<Orientation>,
-    /// Contents of the data set, beside its pictures.
+    /// Contents of the data set, besides its pictures.
     pub report: Report,
     /// Notes on skipped, changed or assumed data, one sentence each.
     pub notes: Vec<String>,
@@ -131,7 +130,7 @@ pub fn cloud_of(points: &[Point]) -> PointCloud {
     }
 }
 
-/// Options that the training of a model read its data set with.
+/// Options with which the training of a model read its data set.
 pub fn options_of(info: &ModelInfo) -> LoadOptions {
     let images = info.rest.get("images").and_then(|images| images.as_str()).unwrap_or(IMAGES).to_owned();
     let every = info.rest.get("test_every").and_then(|every| u32::try_from(every.as_u64()?).ok());
@@ -147,10 +146,10 @@ pub fn options_of(info: &ModelInfo) -> LoadOptions {
     }
 }
 
-/// Folder that is no data set, but close to one.
+/// Folder that is not a data set, but near one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Misplaced {
-    /// A part of this data set.
+    /// Part of this data set.
     PartOf(PathBuf),
     /// A model.
     Model,
@@ -160,7 +159,7 @@ pub enum Misplaced {
     CamerasOf {
         /// The program.
         program: &'static str,
-        /// Way to write cameras that can be read.
+        /// Way to export supported cameras.
         remedy: &'static str,
     },
     /// Pictures without cameras.
@@ -176,7 +175,7 @@ pub enum Misplaced {
     Video(PathBuf),
 }
 
-/// Files of other programs' cameras, by name or ending, and how to write others.
+/// Camera files of other programs, by name or extension, and how to export supported ones.
 const OTHERS: [(&str, &str, &str); 6] = [
     ("reconstruction.json", "OpenSfM", "write it for COLMAP with `opensfm export_colmap`"),
     (".psx", "Metashape", "write it for COLMAP with File > Export > Export Cameras"),
@@ -185,7 +184,7 @@ const OTHERS: [(&str, &str, &str); 6] = [
     ("bundle.out", "Bundler", "open the pictures with COLMAP and reconstruct them there"),
     ("database.db", "COLMAP", "reconstruct it with `colmap mapper`, which writes sparse/0"),
 ];
-/// Endings of videos.
+/// File extensions of videos.
 const VIDEOS: [&str; 6] = ["mp4", "mov", "mkv", "webm", "avi", "m4v"];
 
 impl Misplaced {

@@ -9,7 +9,7 @@ use specula_core::{
 #[cfg(feature = "gpu")]
 use specula_gpu::{AdapterReport, Gpu, Place, adapters};
 
-/// Executor that is asked for: `auto`, `cpu`, `gpu` or `gpu:NAME` as text.
+/// Requested executor: `auto`, `cpu`, `gpu` or `gpu:NAME` as text.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum ExecutorChoice {
     /// First GPU of real hardware, else the CPU.
@@ -28,7 +28,7 @@ pub enum ExecutorChoice {
     },
 }
 
-/// Text that names no [`ExecutorChoice`].
+/// Text that is not an [`ExecutorChoice`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("use auto, cpu, gpu or gpu:NAME")]
 pub struct InvalidExecutor;
@@ -64,12 +64,12 @@ impl serde::Serialize for ExecutorChoice {
 }
 
 impl ExecutorChoice {
-    /// Opens the device that is asked for. With [`ExecutorChoice::Auto`], a GPU that cannot be
-    /// opened is logged, and the CPU takes its place.
+    /// Opens the requested device. With [`ExecutorChoice::Auto`], a GPU that cannot be opened is
+    /// logged and replaced by the CPU.
     ///
     /// # Errors
     ///
-    /// No adapter of that name, an adapter that gives no device, or a build without the feature
+    /// No adapter of that name, an adapter that cannot be opened, or a build without the feature
     /// `gpu`.
     pub fn open(&self) -> Result<Device, SceneError> {
         match self {
@@ -90,8 +90,8 @@ impl ExecutorChoice {
         }
     }
 
-    /// Choice of one of several ranks of a machine, by its number among them: each has the next
-    /// GPU, as long as there are more. All ranks of a machine choose alike between GPUs and CPU.
+    /// Choice of one of several ranks of a machine, by its number among them: each uses the next
+    /// GPU, as long as there are more. All ranks of a machine choose either GPUs or the CPU.
     #[must_use]
     pub fn of_rank(&self, rank: usize) -> Self {
         match self {
@@ -102,8 +102,7 @@ impl ExecutorChoice {
         }
     }
 
-    /// Opens and closes a GPU that is asked for by name, so that its absence is an error before
-    /// anything is loaded.
+    /// Opens and closes a requested GPU, so that its absence is an error before anything is loaded.
     ///
     /// # Errors
     ///
@@ -122,7 +121,7 @@ impl ExecutorChoice {
 pub enum Device {
     /// CPU, on the threads of rayon's current pool.
     Cpu,
-    /// GPU, opened; of a rank with its place among the GPUs of the machine.
+    /// Opened GPU; for a rank with its index among the GPUs of the machine.
     #[cfg(feature = "gpu")]
     Gpu(Box<Gpu>, Option<Place>),
 }
@@ -143,7 +142,7 @@ fn default_device() -> Device {
     )
 }
 
-/// Presence of a GPU that [`ExecutorChoice::Auto`] would choose.
+/// True if there is a GPU that [`ExecutorChoice::Auto`] would choose.
 fn has_hardware() -> bool {
     #[cfg(feature = "gpu")]
     return may_have_hardware() && preferred_adapter(&adapters()).is_some();
@@ -151,8 +150,8 @@ fn has_hardware() -> bool {
     return false;
 }
 
-/// Presence of device files of GPUs, which Linux has. Without them drivers are not asked for
-/// adapters, which takes time and makes some of them print warnings.
+/// True if there are device files of GPUs on Linux. Without them drivers are not queried, which
+/// takes time and makes some of them print warnings.
 #[cfg(feature = "gpu")]
 fn may_have_hardware() -> bool {
     const DEVICES: [&str; 3] = ["/dev/dri", "/dev/nvidiactl", "/dev/dxg"];
@@ -173,7 +172,7 @@ pub struct RenderOptions {
     pub executor: ExecutorChoice,
     /// Precision of Gaussians and of filtered light in memory.
     pub storage: Storage,
-    /// Projection of Gaussians; models other than the affine one are computed by the CPU alone.
+    /// Projection of Gaussians; only the CPU supports models other than the affine one.
     pub projection: ProjectionModel,
     /// Order of splats in a pixel.
     pub order: BlendOrder,
@@ -192,7 +191,7 @@ impl RenderOptions {
         Self { executor, storage: Storage::F32, projection: ProjectionModel::Affine, order: BlendOrder::Mean }
     }
 
-    /// Opens the device of the executor; the CPU for projection models that it alone has.
+    /// Opens the device of the executor; the CPU for projection models that only it supports.
     pub(crate) fn open(&self) -> Result<Device, SceneError> {
         match (&self.executor, self.projection) {
             (executor, ProjectionModel::Affine) => executor.open(),

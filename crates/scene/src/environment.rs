@@ -1,4 +1,4 @@
-//! Environment maps at the resolutions that prefilters take.
+//! Environment maps at the resolutions that prefilters support.
 
 use specula_core::{
     environment,
@@ -7,7 +7,7 @@ use specula_core::{
 };
 use specula_io::latlong::{self, UpAxis};
 
-/// Resolution from which on the exact prefilter takes seconds or more.
+/// Resolution from which the exact prefilter takes seconds or more.
 pub const RESOLUTION_SLOW: usize = 256;
 
 /// Linear radiance of an environment's texels; those of a network are at roughness 0.
@@ -20,14 +20,14 @@ pub fn levels_of(light: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Leve
     Levels::new(scheme, fitting_resolution(light.resolution, scheme))
 }
 
-/// Least resolution that the prefilter takes and that holds an environment of this one, or the
-/// largest that it takes.
+/// Smallest resolution that the prefilter supports and that is at least this one, or the largest
+/// supported.
 fn fitting_resolution(resolution: usize, scheme: PrefilterScheme) -> usize {
     resolution.next_power_of_two().clamp(scheme.resolution_min(), RESOLUTION_MAX)
 }
 
-/// Environment at a resolution that the prefilter takes: other tools also write resolutions that
-/// are no power of two.
+/// Environment at a resolution that the prefilter supports: other tools also write resolutions that
+/// are not powers of two.
 pub fn fitting(light: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Environment<Vec<f32>> {
     resampled(light, fitting_resolution(light.resolution, scheme))
 }

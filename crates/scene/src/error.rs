@@ -6,7 +6,7 @@ use specula_gpu::GpuError;
 use specula_train::{exchange::ExchangeError, pictures::PictureError, trainer::TrainError};
 use std::path::PathBuf;
 
-/// Error of a scene that is opened, rendered or exported.
+/// Error of opening, rendering or exporting a scene.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     /// A file cannot be read or written.
@@ -22,44 +22,43 @@ pub enum SceneError {
     /// An executor of another crate refused a stage.
     #[error(transparent)]
     Executor(Box<dyn core::error::Error + Send + Sync>),
-    /// A GPU was asked for in a build without the feature `gpu`.
+    /// A GPU was requested in a build without the feature `gpu`.
     #[error("GPUs are not supported by this build, which lacks the feature `gpu`; use the CPU")]
     GpuUnsupported,
-    /// A GPU was asked for a projection model that only the CPU executor has.
-    #[error("GPUs project Gaussians by the affine model alone; use the CPU for other models")]
+    /// A projection model that only the CPU executor supports was requested on a GPU.
+    #[error("GPUs support only the affine projection; use the CPU for other models")]
     ProjectionUnsupported,
-    /// A file holds the faces of a cube, as lights of models are saved, where a lat-long map is
-    /// read.
-    #[error("{0:?} holds the six faces of a cube, and a light is read as lat-long; name the model's brdf_mlp.hdr")]
+    /// A file has the faces of a cube, like saved lights of models, instead of a lat-long map.
+    #[error("{0:?} has the six faces of a cube instead of a lat-long map; use the model's brdf_mlp.hdr")]
     CubeMap(PathBuf),
-    /// Views, points or a training state that no training can start from.
+    /// Invalid views, points or training state at the start of a training.
     #[error("{0}")]
     Training(String),
-    /// A picture cannot be shown to a training when its turn comes.
+    /// A picture cannot be decoded when a training needs it.
     #[error(transparent)]
     Picture(PictureError),
     /// Another rank of a training failed, or cannot be reached.
     #[error("the training ends because {0}")]
     Ranks(ExchangeError),
-    /// Another program trains in the folder of a model; the sentence names it.
+    /// Another program trains in the folder of a model; the message names it.
     #[error("{0}")]
     Locked(String),
-    /// The files of a model name a shading function that is not known.
-    #[error("the model names the shading function {0:?}, which this version does not know; use a newer one")]
+    /// The files of a model name an unknown shading function.
+    #[error("the model has the shading function {0:?}, which this version does not support; use a newer one")]
     UnknownShading(String),
-    /// Physical materials were asked for of a scene without any.
+    /// Physical materials of a scene without materials were requested.
     #[error("the scene was trained without physical materials")]
     NoMaterials,
-    /// A split was asked for of a scene without cameras.
+    /// A split of a scene without cameras was requested.
     #[error("the scene has no cameras")]
     NoCameras,
-    /// Test views were asked for of a model that does not record them.
+    /// Test views of a model that does not record them were requested.
     #[error("the model does not say which of its cameras are test views")]
     UnknownSplit,
     /// A split without views, by its name.
     #[error("the model has no {0} views")]
     NoViews(&'static str),
-    /// A PLY file on its own, which has no folder for pictures.
+    /// A single PLY file, which has no folder for pictures.
     #[error("a PLY file has no folder for pictures")]
     NoFolder,
     /// The backend of a renderer keeps its Gaussians and its light.

@@ -1,7 +1,7 @@
 //! Export of Gaussians to the formats of other programs.
 //!
-//! Other programs have no shading function, so that [`PlainGaussians`] are baked from a shaded
-//! scene first. A scene is written as `.splat`, its shading baked from its own cameras:
+//! Other programs have no shading function, so [`PlainGaussians`] are baked from a shaded scene
+//! first. A scene is written as `.splat`, its shading baked from its own cameras:
 //!
 //! ```no_run
 //! use specula_cpu::CpuExecutor;
@@ -59,7 +59,7 @@ use std::path::Path;
 /// Format of Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GaussianFormat {
-    /// INRIA's layout of PLY, with normals.
+    /// PLY in INRIA's layout, with normals.
     Ply,
     /// 32 bytes for each Gaussian, of one colour.
     Splat,
@@ -109,9 +109,9 @@ pub enum ExportFormat {
     PrefilteredLight,
     /// Mesh of triangles.
     Mesh,
-    /// Page of a browser, with its renderer, in one file.
+    /// Page for a browser, with its renderer, in one file.
     Page,
-    /// The same as files of a folder.
+    /// Page for a browser as files in a folder.
     PageFolder,
 }
 
@@ -128,8 +128,7 @@ impl ExportFormat {
     }
 }
 
-/// Returns whether a file is one that a model is read from: the model itself, or a file in its
-/// folder.
+/// True if a file is the source of a model: the model itself, or a file in its folder.
 pub fn is_of_model(file: &Path, model: &Path, folder: Option<&Path>) -> bool {
     let Ok(file) = file.canonicalize() else { return false };
     let is_within = |name: &str| {
@@ -145,27 +144,27 @@ pub fn is_of_model(file: &Path, model: &Path, folder: Option<&Path>) -> bool {
 pub enum BakeMethod {
     /// Harmonics of the colours under the scene's light ([`bake`]).
     Harmonics,
-    /// Diffuse colours alone ([`bake_diffuse`]).
+    /// Diffuse colours only ([`bake_diffuse`]).
     Diffuse,
 }
 
-/// Gaussians without shading attributes, of a scene that may have them.
+/// Gaussians without shading attributes, from a scene that may have them.
 #[derive(Clone, Debug)]
 pub struct PlainGaussians {
     /// Gaussians with harmonics.
     pub gaussians: Gaussians<Vec<f32>>,
     /// Unit normals, if the scene is shaded.
     pub normals: Option<Vec<[f32; 3]>>,
-    /// Index of each in the scene.
+    /// Index of each Gaussian in the scene.
     pub kept: Vec<usize>,
 }
 
 impl PlainGaussians {
-    /// Gaussians of these indices in a scene, with harmonics of `degree` at most. Shaded ones are
+    /// Gaussians with these indices in a scene, with harmonics up to `degree`. Shaded ones are
     /// baked from cameras; the harmonics of others are truncated. Filters in space become part of
     /// scales and opacities; the low-pass on the screen becomes that of plain viewers.
     ///
-    /// `progress` is given the number of steps that are done, and of all steps.
+    /// `progress` receives the number of steps done and of all steps.
     ///
     /// # Errors
     ///
@@ -204,9 +203,9 @@ impl PlainGaussians {
         }
     }
 
-    /// Writes a file, upright if asked for, and returns the Gaussians as a reader of the format
-    /// gets them. `scene` is that of the Gaussians, whose shading goes into `.glb`; `comments` go
-    /// into `.ply`, an origin that they name into `.glb`.
+    /// Writes a file, upright if requested, and returns the Gaussians as a reader of the format
+    /// decodes them. `scene` is the scene of the Gaussians; its shading is written to `.glb`,
+    /// `comments` to `.ply`, and an origin in the comments to `.glb`.
     ///
     /// In `.glb` the transform of a node places the scene upright, so that the Gaussians
     /// themselves, written or returned, stay in the scene's world.
@@ -245,7 +244,7 @@ impl PlainGaussians {
         })
     }
 
-    /// Provenance of Gaussians that are baked from a scene by a method, as a comment of a file.
+    /// Comment of a file on the origin of its Gaussians: scene and baking method.
     pub fn provenance(scene: &Scene, method: BakeMethod, is_upright: bool) -> String {
         let content = match (scene.gaussians.layout.is_shaded(), method) {
             (false, _) => "plain Gaussians",
@@ -256,25 +255,27 @@ impl PlainGaussians {
         format!("exported by specula {}: {content}{upright}", env!("CARGO_PKG_VERSION"))
     }
 
-    /// Sentence on the differences of a file from the scene that the Gaussians are baked from.
+    /// Sentence on the differences between a file and the scene of its Gaussians.
     pub fn losses(&self, scene: &Scene, format: GaussianFormat, method: BakeMethod) -> String {
         let is_shaded = scene.gaussians.layout.is_shaded();
         let baked = match (is_shaded, method, self.gaussians.layout.sh_degree.unwrap_or(0)) {
             (false, ..) => String::new(),
-            (true, BakeMethod::Harmonics, 0) => "light and shading became a colour".to_owned(),
-            (true, BakeMethod::Harmonics, degree) => format!("light and shading became harmonics of degree {degree}"),
+            (true, BakeMethod::Harmonics, 0) => "light and shading are baked into a colour".to_owned(),
+            (true, BakeMethod::Harmonics, degree) => {
+                format!("light and shading are baked into harmonics of degree {degree}")
+            }
             (true, BakeMethod::Diffuse, _) => "the light and its reflections are omitted".to_owned(),
         };
-        let of_format = match format {
+        let format_losses = match format {
             GaussianFormat::Ply => "",
             GaussianFormat::Splat => {
-                "colours are the same from everywhere; they, opacities and quats are rounded to 8 bits"
+                "colours do not depend on the view; colours, opacities and quats are rounded to 8 bits"
             }
-            GaussianFormat::Spz => "numbers are rounded to 8 bits, places to a 65536th of the scene",
+            GaussianFormat::Spz => "numbers are rounded to 8 bits, positions to a 65536th of the scene",
             GaussianFormat::Glb if is_shaded && scene.near_field.is_some() => {
-                "and are beside them as SPECULA_shading, which reflects far light alone"
+                "and are also stored as SPECULA_shading, which reflects only distant light"
             }
-            GaussianFormat::Glb if is_shaded => "and are beside them as SPECULA_shading",
+            GaussianFormat::Glb if is_shaded => "and are also stored as SPECULA_shading",
             GaussianFormat::Glb => "",
         };
         let low_pass = match scene.gaussians.layout.low_pass {
@@ -290,15 +291,16 @@ impl PlainGaussians {
             count => format!("{} invisible Gaussians are omitted", group_digits(count)),
         };
         let parts: Vec<&str> =
-            [&baked, of_format, &low_pass, &omitted].into_iter().filter(|part| !part.is_empty()).collect();
-        if parts.is_empty() { "nothing is lost".to_owned() } else { parts.join("; ").replace("; and are", " and are") }
+            [&baked, format_losses, &low_pass, &omitted].into_iter().filter(|part| !part.is_empty()).collect();
+        if parts.is_empty() { "lossless".to_owned() } else { parts.join("; ").replace("; and are", " and are") }
     }
 
     /// Attributes, light and names of the shading function; none for a scene without one.
     fn shading(&self, scene: &Scene) -> Option<Shading> {
         let Scene { gaussians, light, shading_model, .. } = scene;
         let normals = self.normals.as_ref()?;
-        // Materials stand beside the view-dependent attributes, whichever of both the scene shows.
+        // Materials are written in addition to the view-dependent attributes, whichever the scene
+        // shows.
         let view_dependent = shading_model.shaded(Shown::View).shading;
         let all = || self.kept.iter().map(|index| ActivatedAttributes::of(gaussians, *index, view_dependent));
         let mut attributes = vec![
@@ -308,7 +310,7 @@ impl PlainGaussians {
             Attribute::of("ROUGHNESS".into(), all().map(|activated| [activated.roughness])),
         ];
         if gaussians.layout.is_physical {
-            // Albedo and metalness take the places of diffuse colour and tint.
+            // Albedo and metalness replace diffuse colour and tint.
             let all =
                 || self.kept.iter().map(|index| ActivatedAttributes::of(gaussians, *index, ShadingRules::PHYSICAL));
             attributes.push(Attribute::of("ALBEDO".into(), all().map(|activated| activated.diffuse)));
@@ -328,7 +330,7 @@ impl PlainGaussians {
     }
 }
 
-/// End of the comment of files whose scenes stand upright.
+/// End of the comment of files with upright scenes.
 pub(crate) const UPRIGHT_COMMENT: &str = ", upright: y is down";
 
 /// Indices of the Gaussians that are finite and have this opacity, from 0 to 1, or more.

@@ -1,5 +1,5 @@
-//! Foreground of a scene, whose Gaussians reflect the light: `all`, `auto`, a share of the cameras'
-//! distance, or a ball as text.
+//! Foreground of a scene, the Gaussians that reflect the light: `all`, `auto`, a share of the
+//! cameras' distance, or a ball as text.
 
 use crate::{
     orientation::centre,
@@ -12,7 +12,7 @@ use specula_io::orientation::Orientation;
 /// Default radius of the foreground, relative to the cameras' distance from the centre.
 const SHARE: f32 = 0.5;
 
-/// Region of the Gaussians that reflect the light; others have a view-dependent colour alone.
+/// Region of the Gaussians that reflect the light; others have only a view-dependent colour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Foreground {
     /// All Gaussians.
@@ -31,8 +31,8 @@ pub enum Foreground {
 }
 
 impl Foreground {
-    /// Ball in a scene with this orientation, whose origin is at a place of the data set's world;
-    /// none for all Gaussians.
+    /// Ball in a scene with this orientation and this origin in the data set's world; `None` for
+    /// all Gaussians.
     pub fn ball(self, orientation: Option<&Orientation>, origin: [f64; 3]) -> Option<Ball> {
         match self {
             Self::All => None,
@@ -46,7 +46,7 @@ impl Foreground {
     }
 }
 
-/// Text that names no [`Foreground`].
+/// Text that is not a [`Foreground`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("use all, auto, a share of the cameras' distance such as 0.5, or a ball as x,y,z,radius")]
 pub struct InvalidForeground;
@@ -98,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_shares_and_balls_are_foregrounds_and_nothing_else_is() {
+    fn only_words_shares_and_balls_are_foregrounds() {
         let ball = Foreground::Ball { centre: [1.0, -2.0, 0.5], radius: 3.0 };
         for (text, expected) in [
             ("all", Foreground::All),

@@ -12,7 +12,7 @@ pub(crate) fn framing(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
     (centre, 1.2 * radius / (0.5 * FIELD_OF_VIEW_RAD).sin())
 }
 
-/// Median of the means, and the 0.9 quantile of their distances from it; 1 where that is 0.
+/// Median of the means, and the 0.9 quantile of their distances from it; 1 if that is 0.
 fn extent(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
     const SHARE: f32 = 0.9;
     let median = |plane: usize| quantile(gaussians.plane(plane).collect(), 0.5);

@@ -1,5 +1,5 @@
 //! Ground below a scene that catches its shadows: a plane of the background's colour, as bright as
-//! the share of the light that reaches it past the scene.
+//! the share of the light that the scene does not block.
 //!
 //! The share is (E_s + Σ_l V_l E_l H_l) / (E_o + Σ_l E_l H_l), channel by channel, with the
 //! irradiance E_o of the sky above the open plane, the part E_s of it that passes the scene, and of
@@ -17,9 +17,9 @@ use specula_core::{
 };
 use specula_mesh::sky::Sky;
 
-/// Directions of the whole sky, of which half are above the ground.
+/// Directions of the whole sphere; half of them are above the ground.
 const DIRECTIONS: usize = 768;
-/// Points along an edge of the square on which the light of the sky is known; others are linear
+/// Points along an edge of the square at which the light of the sky is computed; it is interpolated
 /// between them.
 const POINTS: usize = 128;
 /// Edge of the square, in widths of the scene. Shadows of the sky fade towards it.
@@ -55,7 +55,7 @@ struct GroundLamp {
 
 impl Ground {
     /// Ground perpendicular to `up` at a height along it; by default that of the lowest point of
-    /// the surface that casts the shadows. None where this has no extent.
+    /// the shadow-casting surface. `None` if the surface has no extent.
     pub fn new(
         occluder: &NearField<Vec<f32>>,
         up: Vec3,
@@ -100,7 +100,7 @@ impl Ground {
         Some(ground)
     }
 
-    /// Finds the light of the sky on the points of the square.
+    /// Computes the light of the sky at the points of the square.
     fn find_sky(&mut self, sky: &Sky) {
         let share = 4.0 * core::f32::consts::PI / DIRECTIONS as f32;
         let above = directions(DIRECTIONS).map(|direction| Vec3::from(direction.map(|x| x as f32)));
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn suns_cast_shadows_where_geometry_says_and_the_rest_is_open() {
+    fn shadows_of_suns_match_geometry() {
         let roof = roof(1.0, 2.0);
         let lamps = sun([1.0, 0.0, 1.0]);
         let ground = Ground::new(&roof, Vec3::Z, Some(0.0), None, Some(&lamps)).unwrap();
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn backs_hide_light_as_well() {
+    fn back_faces_also_block_light() {
         let open_below = square(1.0, 2.0, [[0, 1, 2], [0, 2, 3]]);
         let ground = Ground::new(&open_below, Vec3::Z, Some(0.0), None, Some(&sun([0.0, 0.0, 1.0]))).unwrap();
         assert_eq!(ground.share_at(Vec3::ZERO, [0.0; 2]), Vec3::ZERO);
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_see_the_ground_from_above_alone() {
+    fn cameras_see_the_ground_only_from_above() {
         let ground = Ground::new(&roof(1.0, 2.0), Vec3::Z, Some(0.0), None, Some(&sun([0.0, 0.0, 1.0]))).unwrap();
         let above = Camera::look_at(Vec3::new(4.0, 0.0, 3.0), Vec3::ZERO, Vec3::Z, 0.8, 32, 24);
         let shares = ground.shares(&above);
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shadow_without_a_background_lies_on_white_as_it_is_on_white() {
+    fn a_transparent_shadow_over_white_matches_a_shadow_on_white() {
         /// Rounding of alpha and of the result to 8 bits.
         const ROUNDING: f32 = 1.5;
         let light = sky(0.7);

@@ -24,11 +24,11 @@ use specula_io::{
 pub struct Imported {
     /// The scene.
     pub scene: Scene,
-    /// Up direction, as the file has it.
+    /// Up direction of the file.
     pub orientation: Orientation,
     /// Origin of the Gaussians in the world of their data set ([`specula_io::origin`]).
     pub origin: [f64; 3],
-    /// Notes on what is not shown as it is, a sentence each.
+    /// Notes on parts of the file that are ignored or changed, one sentence each.
     pub notes: Vec<String>,
 }
 
@@ -52,7 +52,7 @@ pub fn scene_of_glb(input: Input<'_>) -> Result<Imported, SceneError> {
     Ok(Imported { scene, orientation, origin, notes })
 }
 
-/// Scene with the shading attributes of a file in place of its colours.
+/// Scene with the shading attributes of a file instead of its colours.
 fn shaded(plain: Scene, shading: Shading) -> Result<Scene, String> {
     let Shading { properties, attributes, light } = shading;
     let count = plain.gaussians.count;
@@ -61,7 +61,7 @@ fn shaded(plain: Scene, shading: Shading) -> Result<Scene, String> {
     let comment = format!("specula shading={form} prefilter={}", word("prefilter").unwrap_or_default());
     let mut shading_model =
         ShadingModel::from_comment(&comment).ok_or_else(|| format!("its shading has the unknown form {form:?}"))?;
-    // Normals stand alone.
+    // Normals without residuals.
     shading_model.shading.axis = AxisRule::None;
     let find = |name: &str| attributes.iter().find(|attribute| attribute.name == name);
     let residuals = attributes.iter().filter(|attribute| attribute.name.starts_with("RESIDUAL")).count();
@@ -99,7 +99,7 @@ fn shaded(plain: Scene, shading: Shading) -> Result<Scene, String> {
         set(&mut gaussians, layout.sh_start() + 3 * k, 3, attribute.values.iter().copied());
     }
     if let Some(first) = physical {
-        // Files do not say what is shadowed.
+        // Files have no shadows.
         (0..count).for_each(|index| gaussians.set(index, first + AMBIENT, [1.0; 3]));
     }
     if !gaussians.values.iter().all(|number| number.is_finite()) {
@@ -109,7 +109,9 @@ fn shaded(plain: Scene, shading: Shading) -> Result<Scene, String> {
         Some((values, resolution)) => {
             let is_light = resolution.is_power_of_two() && values.iter().all(|x| (0.0..=RADIANCE_MAX).contains(x));
             let cube = Environment { resolution, activation: RadianceActivation::Identity, values };
-            Some(cube).filter(|_| is_light).ok_or("its light is no radiance, or of no power of two of texels")?
+            Some(cube)
+                .filter(|_| is_light)
+                .ok_or("its light is not finite and positive, or its resolution is not a power of two")?
         }
         None => return Err("its shading has no light".to_owned()),
     };

@@ -1,4 +1,4 @@
-//! Lamps of a scene: suns and spheres as users name them, and the surface that casts their shadows.
+//! Lamps of a scene: suns and spheres as text, and the surface that casts their shadows.
 
 use crate::{OpenedModel, RenderOptions, Scene, SceneError, SceneRenderer, orbit};
 use core::{f32::consts::FRAC_1_PI, fmt, str::FromStr};
@@ -20,23 +20,22 @@ use specula_mesh::{
 };
 use std::sync::Arc;
 
-/// Irradiance of a sun of which only the direction is given: about that under which a white surface
-/// that faces it is white.
+/// Default irradiance of a sun: a white surface that faces it is about white.
 const SUN_STRENGTH: f32 = 3.0;
-/// Diameter of the sun as the Earth sees it, in degrees.
+/// Diameter of the sun as seen from Earth, in degrees.
 const SUN_DIAMETER: f32 = 0.53;
 /// Views that are fused into a surface.
 const VIEWS: u32 = 100;
 /// Longest edge of a fused view, in pixels.
 const EDGE_MAX: u32 = 800;
-/// Voxels along the longest edge of the volume, no more than the views have pixels along theirs.
+/// Voxels along the longest edge of the volume, at most the number of pixels along a view's.
 const VOXELS: u16 = 160;
 
-/// Shadow rays from which lamps' light is reflected from surface to surface. Fewer are a preview.
+/// Minimum number of shadow rays for interreflections of lamps. Fewer are a preview.
 const RAYS_OF_REFLECTED: usize = 8;
-/// Shadow rays of a vertex to a lamp that is wider than a point.
+/// Shadow rays of a vertex to an area lamp.
 const VERTEX_RAYS: usize = 8;
-/// Vertices of which a row of pixels is made up.
+/// Number of vertices per row of pixels.
 const VERTEX_ROW: usize = 1000;
 
 /// Lamps of a scene.
@@ -44,9 +43,9 @@ const VERTEX_ROW: usize = 1000;
 pub struct SceneLamps {
     /// Lamps, in world space.
     pub lamps: Vec<Lamp>,
-    /// Shadow rays of a pixel to each lamp that is wider than a point.
+    /// Shadow rays of a pixel to each area lamp.
     pub rays: usize,
-    /// Surface that casts shadows; none where there are no shadows.
+    /// Surface that casts shadows; `None` for no shadows.
     pub occluder: Option<Arc<Surface>>,
 }
 
@@ -55,14 +54,14 @@ pub struct SceneLamps {
 pub struct LampColor(pub [u8; 3]);
 
 impl SceneLamps {
-    /// Whether light of the lamps is reflected from surface to surface.
+    /// True if surfaces reflect the light of lamps onto each other.
     pub(crate) fn reflects(&self) -> bool {
         self.rays >= RAYS_OF_REFLECTED
     }
 }
 
 impl LampColor {
-    /// Colour of a lamp without one.
+    /// Default colour of a lamp.
     pub const WHITE: Self = Self([255; 3]);
 
     fn parse(text: &str) -> Option<Self> {
@@ -74,7 +73,7 @@ impl LampColor {
         Some(Self([channel(0)?, channel(1)?, channel(2)?]))
     }
 
-    /// Light of this colour, linear; the strength is that of white.
+    /// Linear light of this colour, for white of this strength.
     fn light(self, strength: f32) -> [f32; 3] {
         self.0.map(|byte| linear_from_srgb(f32::from(byte) / 255.0) * strength)
     }
@@ -100,7 +99,7 @@ fn numbers_and_color(text: &str) -> Option<(Vec<f32>, LampColor)> {
     numbers.iter().all(|number| number.is_finite()).then_some((numbers, color))
 }
 
-/// Sun, as a user names it: `AZ,EL[,STRENGTH[,ANGLE]][:RRGGBB]`.
+/// Sun as text: `AZ,EL[,STRENGTH[,ANGLE]][:RRGGBB]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SunChoice {
     /// Azimuth about the scene's up direction in degrees, counterclockwise as seen from above; 0 is
@@ -116,7 +115,7 @@ pub struct SunChoice {
     pub color: LampColor,
 }
 
-/// Text that names no [`SunChoice`].
+/// Text that is not a [`SunChoice`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "use AZIMUTH,ELEVATION in degrees, then STRENGTH of 0 or more and the sun's diameter below 180°, such as 30,45 or \
@@ -162,7 +161,7 @@ pub fn direction(azimuth: f32, elevation: f32, up: Vec3) -> DVec3 {
     MapOrientation::with_up(up.as_dvec3().to_array()).direction(uv).into()
 }
 
-/// Lamp of a sphere, as a user names it: `X,Y,Z,STRENGTH[,RADIUS][:RRGGBB]`.
+/// Spherical lamp as text: `X,Y,Z,STRENGTH[,RADIUS][:RRGGBB]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SphereChoice {
     /// Centre, in world space.
@@ -175,10 +174,10 @@ pub struct SphereChoice {
     pub color: LampColor,
 }
 
-/// Text that names no [`SphereChoice`].
+/// Text that is not a [`SphereChoice`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "use X,Y,Z,STRENGTH and a radius, of which neither is negative, such as 1,0,2,5 or 1,0,2,5,0.1, and a colour after a \
+    "use X,Y,Z,STRENGTH and a radius, neither of them negative, such as 1,0,2,5 or 1,0,2,5,0.1, and a colour after a \
      colon, such as 1,0,2,5:ffddaa"
 )]
 pub struct InvalidSphere;
@@ -208,15 +207,15 @@ impl fmt::Display for SphereChoice {
 }
 
 impl SphereChoice {
-    /// The lamp in world space, which is that of the scene.
+    /// The lamp in the scene's world space.
     pub fn lamp(&self) -> Lamp {
         let Self { position, strength, radius, color } = *self;
         Lamp::Sphere { position, intensity: color.light(strength), radius }
     }
 }
 
-/// Orientation of an environment map that is turned about the scene's up direction by an angle in
-/// degrees, counterclockwise as seen from above, as azimuths count.
+/// Orientation of an environment map turned about the scene's up direction by an angle in degrees,
+/// counterclockwise as seen from above, like azimuths.
 pub fn turned(orientation: MapOrientation, up: Vec3, degrees: f32) -> MapOrientation {
     let turn = DQuat::from_axis_angle(up.as_dvec3().normalize(), f64::from(degrees).to_radians());
     match orientation {
@@ -226,9 +225,9 @@ pub fn turned(orientation: MapOrientation, up: Vec3, degrees: f32) -> MapOrienta
     }
 }
 
-/// Surface that casts the shadows of a model: its near field if it has one, else a new one from the
-/// depths of its training views, or of views around it. None where no view shows a surface.
-/// `progress` is given the number of fused views and of all.
+/// Shadow-casting surface of a model: its near field if it has one, else a mesh fused from the
+/// depths of its training views, or of views around it. `None` if no view shows a surface.
+/// `progress` receives the number of fused views and of all.
 ///
 /// # Errors
 ///
@@ -248,9 +247,9 @@ pub fn shadow_surface(
     fused_surface(&mut renderer, &scene.gaussians, &cameras, progress)
 }
 
-/// Surface of Gaussians on a renderer, fused from the depths that these cameras see, of which up to
-/// a hundred are chosen evenly; around the Gaussians, where there are no cameras. None where no
-/// view shows a surface. `progress` is given the number of fused views and of all.
+/// Surface of Gaussians on a renderer, fused from the depths of up to a hundred of these cameras,
+/// evenly chosen; without cameras, of cameras around the Gaussians. `None` if no view shows a
+/// surface. `progress` receives the number of fused views and of all.
 ///
 /// # Errors
 ///
@@ -277,8 +276,8 @@ pub fn fused_surface(
     Ok(SurfaceMeans::new(fusion.mesh(), fusion.voxel_size()).near_field().map(Surface::shared))
 }
 
-/// Share of a surface that lies in its own shadow, of the part within `radius` of `centre` that
-/// faces the direction `to_sun`; `None` where nothing there faces it. Vertices are sampled.
+/// Self-shadowed share of the part of a surface within `radius` of `centre` that faces the
+/// direction `to_sun`; `None` if no part does. Vertices are sampled.
 pub fn share_in_shadow(surface: &Surface, to_sun: Vec3, centre: Vec3, radius: f32) -> Option<f64> {
     const SAMPLES: usize = 4096;
     let facing = (0..surface.vertex_count).filter_map(|vertex| {
@@ -295,8 +294,8 @@ pub fn share_in_shadow(surface: &Surface, to_sun: Vec3, centre: Vec3, radius: f3
     (!sampled.is_empty()).then(|| hidden as f64 / sampled.len() as f64)
 }
 
-/// Adds the light of lamps to the base colours of a surface that reflected rays meet, where its
-/// vertices have a diffuse albedo.
+/// Adds the light of lamps to the base colours of a reflected surface, if its vertices have a
+/// diffuse albedo.
 pub(crate) fn shine_on(near_field: &mut NearField<Vec<f32>>, lamps: &SceneLamps) {
     let light = radiances(near_field, lamps);
     for (numbers, added) in near_field.vertices_mut().iter_mut().zip(light) {
@@ -304,9 +303,9 @@ pub(crate) fn shine_on(near_field: &mut NearField<Vec<f32>>, lamps: &SceneLamps)
     }
 }
 
-/// Irradiance / π of the vertices of a surface by the light of lamps that it reflects onto itself
-/// once or twice from its diffuse layers, three numbers each; none where there is no such light,
-/// and then its sight is not asked for.
+/// Irradiance / π at the vertices of a surface by lamp light after one or two diffuse
+/// interreflections, three numbers each; `None` if there is no such light, without computing the
+/// visibility.
 pub(crate) fn reflected_by(surface: &Surface, lamps: &SceneLamps) -> Vec<f32> {
     let direct = radiances(surface, lamps);
     if direct.iter().all(|light| *light == Vec3::ZERO) {
@@ -335,7 +334,7 @@ fn radiances(near_field: &NearField<Vec<f32>>, lamps: &SceneLamps) -> Vec<Vec3> 
         let [position, normal] = [0, 3].map(|first| Vec3::from_slice(&numbers[first..]));
         let normal = normal.normalize_or_zero();
         let from = position + near_field.offset * normal;
-        // A vertex takes the place of a pixel.
+        // Vertices are evaluated like pixels.
         let [column, row] = [index % VERTEX_ROW, index / VERTEX_ROW].map(|k| k as f32);
         let mut irradiance = Vec3::ZERO;
         for (lamp, (of_lamp, rays)) in lamps.iter().enumerate() {
@@ -367,7 +366,7 @@ mod tests {
     const SAME: f32 = 1e-6;
 
     #[test]
-    fn suns_stand_where_environment_maps_have_their_places() {
+    fn azimuths_of_suns_match_environment_maps() {
         let sun = |text: &str, up: Vec3, turn: f32| match text.parse::<SunChoice>().unwrap().lamp(up, turn) {
             Lamp::Sun { direction, .. } => Vec3::from(direction),
             Lamp::Sphere { .. } => unreachable!("a sun was named"),
@@ -394,10 +393,10 @@ mod tests {
         }
     }
 
-    /// Two squares that face up, one above the other, under a sun: the upper one is lit, and shades
-    /// the middle of the larger one below.
+    /// Two horizontal squares under a sun, one above the other: the upper one is lit and shades the
+    /// middle of the larger one below.
     #[test]
-    fn surfaces_that_rays_meet_are_lit_by_lamps() {
+    fn reflected_surfaces_are_lit_by_lamps() {
         let square = |half: f32, height: f32| {
             [[-half, -half, height], [half, -half, height], [half, half, height], [-half, half, height]]
         };
@@ -405,7 +404,7 @@ mod tests {
         let mesh = Mesh {
             normals: vec![[0.0, 0.0, 1.0]; positions.len()],
             colors: vec![[0.0; 3]; positions.len()],
-            // The roof is seen from below, where rays come from.
+            // Rays see the roof from below.
             triangles: vec![[0, 2, 1], [0, 3, 2]],
             positions,
         };

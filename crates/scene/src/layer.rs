@@ -1,4 +1,4 @@
-//! Layers of a rendered view: its colours, or a component that they are composed of.
+//! Layers of a rendered view: its colours, or one of their components.
 
 use core::str::FromStr;
 use specula_core::{
@@ -40,13 +40,13 @@ pub enum Layer {
     Albedo,
     /// Metalness of physical materials, white is a metal.
     Metallic,
-    /// Share of the light from all around that reaches the surface, and of what other surfaces
-    /// reflect; white in the open.
+    /// Share of the light from all directions that reaches the surface, including reflections of
+    /// other surfaces; white in the open.
     Ambient,
-    /// Share of the far light along the reflected direction that other surfaces leave, white in the
+    /// Share of the distant light along the reflected direction that is not blocked; white in the
     /// open.
     Visibility,
-    /// Light along the reflected direction that other surfaces reflect.
+    /// Light of other surfaces along the reflected direction.
     Indirect,
     /// Irradiance of the diffuse layers of physical materials, divided by π: the colour of a white
     /// wall.
@@ -128,7 +128,7 @@ impl Layer {
         Self::EACH.into_iter().filter(|layer| requested.contains(layer) || requested.contains(&Self::All)).collect()
     }
 
-    /// Light that rules put into the channel of light for this layer.
+    /// Light that the rules write to the light channel for this layer.
     pub fn light_layer(self) -> LightLayer {
         match self {
             Self::Visibility => LightLayer::Visibility,
@@ -138,7 +138,7 @@ impl Layer {
         }
     }
 
-    /// Least channels to blend for these layers.
+    /// Minimum channels to blend for these layers.
     pub fn channels(layers: &[Self]) -> Channels {
         if layers.iter().any(|layer| layer.is_of_shading()) {
             Channels::Layers
@@ -150,8 +150,8 @@ impl Layer {
     }
 
     /// Picture of a view that was rendered with [`Layer::light_layer`], sRGB with 8 bits a channel.
-    /// `background`, sRGB from 0 to 1, lies behind [`Layer::Rgb`] only; `form` tells whether the
-    /// shading function adds its terms in linear light.
+    /// `background`, sRGB from 0 to 1, lies behind [`Layer::Rgb`] only; `form` determines whether
+    /// the shading function adds its terms in linear light.
     pub fn picture(self, image: &Image<Vec<f32>>, form: ShadingForm, background: [f32; 3]) -> RgbImage {
         // The authors' code adds its terms in sRGB, the paper's equation in linear light.
         let is_linear = form != ShadingForm::Official;
@@ -173,7 +173,7 @@ impl Layer {
     }
 
     /// Numbers of a view that was rendered with [`Layer::light_layer`], by the channels of OpenEXR,
-    /// without a background. Where nothing is covered normals are 0 and depths infinite.
+    /// without a background. Without coverage normals are 0 and depths infinite.
     ///
     /// | layer | channels |
     /// |---|---|
@@ -214,8 +214,8 @@ impl Layer {
     }
 }
 
-/// Premultiplied colour in linear light of one that was premultiplied in sRGB, as splats are
-/// blended.
+/// Converts a colour premultiplied in sRGB, as splats are blended, to one premultiplied in linear
+/// light.
 fn linear(color: f32, alpha: f32) -> f32 {
     if alpha > 0.0 { alpha * linear_from_srgb(color / alpha) } else { 0.0 }
 }
@@ -225,7 +225,7 @@ impl FromStr for Layer {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let mut names = Self::EACH.into_iter().chain([Self::All]);
-        names.find(|layer| layer.name() == text).ok_or_else(|| format!("{text:?} is no layer"))
+        names.find(|layer| layer.name() == text).ok_or_else(|| format!("{text:?} is not a layer"))
     }
 }
 

@@ -1,9 +1,9 @@
-//! Models as scenes: trained, opened under the shading model that they were trained with, rendered
-//! on any executor, put under another light, saved and exported.
+//! Models as scenes: training, opening with the shading model of the training, rendering on any
+//! executor, relighting, saving and export.
 //!
-//! Attributes in a file are raw numbers; their colours depend on a [`ShadingModel`], which the file
-//! names. [`OpenedModel::open`] reads it, converts the numbers and keeps it beside them, so that
-//! [`Scene::renderer`] draws the pictures of `specula render`, bit for bit:
+//! Attributes in a file are raw numbers; their colours depend on the [`ShadingModel`] that the file
+//! names. [`OpenedModel::open`] reads both, so that [`Scene::renderer`] draws the pictures of
+//! `specula render`, bit for bit:
 //!
 //! ```no_run
 //! use specula_core::rules::Channels;

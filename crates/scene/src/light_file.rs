@@ -14,7 +14,7 @@ use std::path::Path;
 /// Width and height of a preview, in pixels.
 const PREVIEW_SIZE: [usize; 2] = [512, 256];
 
-/// Direction of a scene that the upper edge of a lat-long map shows.
+/// Direction of a scene at the upper edge of a lat-long map.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "String")]
 pub enum MapUp {
@@ -63,14 +63,14 @@ impl MapUp {
 /// Interpretation of an environment map.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LightOptions {
-    /// Direction of the scene that the upper edge of the map shows.
+    /// Direction of the scene at the upper edge of the map.
     pub up: MapUp,
     /// Exposure in stops; 1 doubles the radiance.
     pub exposure: f32,
 }
 
-/// Reads a lat-long map of linear radiance. Numbers that are no radiance are replaced. Returns the
-/// map, and a warning for each property that a light rarely has.
+/// Reads a lat-long map of linear radiance. Invalid values are replaced. Returns the map, and a
+/// warning for each unusual property.
 ///
 /// # Errors
 ///
@@ -85,7 +85,7 @@ pub fn read(input: Input<'_>) -> Result<(LatLong, Vec<String>), SceneError> {
     let mut warnings = latlong::notes(input)?;
     if replaced.total() > 0 {
         warnings.push(format!(
-            "{} numbers in {path:?} are no radiance and were replaced: {} NaN, {} infinite, {} negative",
+            "replaced {} invalid numbers in {path:?}: {} NaN, {} infinite, {} negative",
             replaced.total(),
             replaced.nan,
             replaced.infinite,
@@ -94,12 +94,12 @@ pub fn read(input: Input<'_>) -> Result<(LatLong, Vec<String>), SceneError> {
     }
     if !latlong::holds_radiance(input)? {
         warnings.push(format!(
-            "{path:?} holds no radiance above 1, so no lamp or sun in it is brighter than white; .hdr and .exr do"
+            "{path:?} has no radiance above 1, so its lamps and suns are no brighter than white; use .hdr or .exr"
         ));
     }
     if map.width != 2 * map.height {
         warnings.push(format!(
-            "{path:?} has {} × {} pixels, and is stretched to 2:1, as a lat-long map is; is it one?",
+            "{path:?} has {} × {} pixels and is stretched to 2:1; check that it is a lat-long map",
             map.width, map.height
         ));
     }

@@ -1,4 +1,4 @@
-//! Lighting of a scene: an environment map, suns and lamps, which turn about the up direction, and
+//! Lighting of a scene: an environment map and suns, which turn about the up direction, lamps, and
 //! ground that catches shadows.
 
 use crate::{
@@ -16,9 +16,9 @@ use std::sync::Arc;
 /// Light that replaces the light of a scene.
 #[derive(Clone, Debug)]
 pub struct Lighting {
-    /// Environment map of radiance; `None` for darkness.
+    /// Environment map of radiance; `None` for no environment light.
     pub map: Option<LatLong>,
-    /// Direction of the scene that the upper edge of the map shows.
+    /// Direction of the scene at the upper edge of the map.
     pub map_up: MapUp,
     /// Suns.
     pub suns: Vec<SunChoice>,
@@ -66,7 +66,7 @@ impl Lighting {
         turned(self.map_up.orientation(up), up, self.turn)
     }
 
-    /// Puts a scene with this up direction under the light.
+    /// Applies the lighting to a scene with this up direction.
     ///
     /// # Errors
     ///
@@ -83,9 +83,8 @@ impl Lighting {
         Ok(())
     }
 
-    /// Puts a scene under the light after its renderer was made, for instance after a further turn.
-    /// Environment, lamps and [`Lighting::turn`] may have changed since, but not whether there are
-    /// lamps.
+    /// Applies the lighting to a scene with an existing renderer, for instance after a turn.
+    /// Environment, lamps and [`Lighting::turn`] may have changed, but not whether there are lamps.
     ///
     /// # Errors
     ///
@@ -101,15 +100,15 @@ impl Lighting {
         if let Some(lamps) = &scene.lamps {
             renderer.set_lamps(&lamps.lamps)?;
         }
-        // Light that reaches materials past other surfaces depends on the environment.
+        // The visibility-weighted light of materials depends on the environment.
         options.storage.round(&mut scene.gaussians);
         renderer.set_surface(&scene.gaussians, scene.near_field())?;
         let rules = *renderer.rules();
         scene.light_for(&rules).map_or(Ok(()), |light| renderer.set_light(SceneRenderer::SCENE_LIGHT, &light, &rules))
     }
 
-    /// The backdrop with the ground, which catches the shadows of the occluder under the light of
-    /// `scene`; without ground or occluder, the backdrop itself.
+    /// Backdrop with the ground, which catches the occluder's shadows under the light of `scene`;
+    /// without ground or occluder, the backdrop itself.
     pub fn grounded(&self, backdrop: Backdrop, scene: &Scene, up: Vec3) -> Backdrop {
         let ground = self.ground.zip(self.occluder.as_deref()).and_then(|(height, occluder)| {
             Ground::new(occluder, up, height, scene.light.as_ref(), scene.lamps.as_ref())

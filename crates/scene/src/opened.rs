@@ -22,39 +22,37 @@ use specula_io::{
 use specula_train::view::extent_of_cameras;
 use std::path::{Path, PathBuf};
 
-/// Scene of a trained model, and the facts that its folder holds.
+/// Scene of a trained model, and the facts in its folder.
 #[derive(Debug)]
 pub struct OpenedModel {
     /// Gaussians, light and shading model.
     pub scene: Scene,
-    /// Folder of the model; none for a file on its own.
+    /// Folder of the model; `None` for a single file.
     pub folder: Option<PathBuf>,
-    /// Iteration of the training; none for a file on its own.
+    /// Iteration of the training; `None` for a single file.
     pub iteration: Option<u32>,
-    /// Settings of the training; none where another program trained it.
+    /// Settings of the training; none if another program trained it.
     pub info: Option<ModelInfo>,
     /// Origin of Gaussians and cameras in the world of the data set ([`specula_io::origin`]).
     pub origin: [f64; 3],
-    /// Whether a `brdf_mlp.hdr` took the place of the light that was saved, as users of the
-    /// authors' code relight.
+    /// True if a `brdf_mlp.hdr` replaced the saved light, the way to relight with the authors'
+    /// code.
     pub is_relit: bool,
-    /// Whether the shading model is the one that the files name.
+    /// True if the files name the shading model.
     pub is_read_as_saved: bool,
-    /// Notes on parts of the files that are not taken as they are, a sentence each.
+    /// Notes on parts of the files that are ignored or changed, one sentence each.
     pub notes: Vec<String>,
-    /// Orientation that a file names.
+    /// Orientation named by the file.
     up_of_file: Option<Orientation>,
 }
 
 impl OpenedModel {
-    /// Opens the newest iteration of a model's folder, or a PLY or glTF file, under the shading
-    /// model that the files name; under that of the authors' code, whose layout the file has, where
-    /// they name none.
+    /// Opens the newest iteration of a model's folder, or a PLY or glTF file, with the shading
+    /// model that the files name, by default that of the authors' code, which defines the layout.
     ///
     /// # Errors
     ///
-    /// A folder without a model, a file that cannot be read, or a shading function that is not
-    /// known.
+    /// A folder without a model, a file that cannot be read, or an unknown shading function.
     pub fn open(path: &Path) -> core::result::Result<Self, SceneError> {
         if glb::is_gltf(path) {
             return Self::of_glb(path);
@@ -65,14 +63,14 @@ impl OpenedModel {
         Ok(Self::under(path, model, shading_model))
     }
 
-    /// Model that was read from `path`, under a shading model of the caller's choice.
+    /// Model that was read from `path`, with a shading model of the caller's choice.
     pub fn under(path: &Path, model: Model, shading_model: ShadingModel) -> Self {
         let folder = folder_of(path, &model);
         let is_read_as_saved = shading_model == ShadingModel::of_model(&model);
         let mut gaussians = model.gaussians;
         shading_model.decode(&mut gaussians);
         sort_in_space(&mut gaussians);
-        // Files that were exported upright stand on their heads, as viewers of splats have it.
+        // Files that were exported upright have y down, the convention of splat viewers.
         let is_y_down = model.comments.iter().any(|comment| comment.ends_with(UPRIGHT_COMMENT));
         let up_of_file = is_y_down.then(|| Orientation {
             up: [0.0, -1.0, 0.0],
@@ -98,11 +96,11 @@ impl OpenedModel {
         }
     }
 
-    /// Opens a glTF file with Gaussians, under the shading model that it names.
+    /// Opens a glTF file with Gaussians, with the shading model that it names.
     ///
     /// # Errors
     ///
-    /// A file that cannot be read, or that [`scene_of_glb`] refuses.
+    /// A file that cannot be read, or that [`scene_of_glb`] rejects.
     pub fn of_glb(path: &Path) -> core::result::Result<Self, SceneError> {
         let Imported { mut scene, orientation, origin, notes } = scene_of_glb(Input::file(path))?;
         sort_in_space(&mut scene.gaussians);
@@ -119,8 +117,8 @@ impl OpenedModel {
         })
     }
 
-    /// Cameras of the model's folder, test views first, their near planes in proportion to how far
-    /// they spread; empty where there are none.
+    /// Cameras of the model's folder, test views first, with near planes proportional to their
+    /// spread; empty if there are none.
     ///
     /// # Errors
     ///
@@ -136,7 +134,7 @@ impl OpenedModel {
         Ok(cameras)
     }
 
-    /// Cameras of the held-out views; all cameras, where none are held out.
+    /// Cameras of the held-out views; all cameras if none are held out.
     ///
     /// # Errors
     ///
@@ -149,8 +147,8 @@ impl OpenedModel {
         Ok(cameras)
     }
 
-    /// Cameras of the training: all but the held-out views; all cameras, where the model does not
-    /// say which are held out.
+    /// Cameras of the training: all but the held-out views; all cameras if the model does not
+    /// record which are held out.
     ///
     /// # Errors
     ///
@@ -174,8 +172,7 @@ impl OpenedModel {
         Ok(known.into_iter().map(|(_, camera)| camera).collect())
     }
 
-    /// Cameras of the held-out views, else all cameras, else an orbit around the scene: views that
-    /// show how a scene without any cameras of its own looks as well.
+    /// Cameras of the held-out views, else all cameras, else an orbit around the scene.
     ///
     /// # Errors
     ///
@@ -205,8 +202,7 @@ impl OpenedModel {
         Ok(up.map_or(found, |up| with_up(found, up, cameras())))
     }
 
-    /// Number of held-out views, which come first among the cameras; none where the model does not
-    /// say.
+    /// Number of held-out views, which come first among the cameras; `None` if it is not recorded.
     pub fn test_views(&self) -> Option<usize> {
         let count = self.info.as_ref()?.rest.get("test_views")?.as_u64()?;
         usize::try_from(count).ok()
@@ -221,7 +217,7 @@ impl OpenedModel {
         self.folder.as_deref().map_or(Ok(None), exposure::read)
     }
 
-    /// Background of the training in sRGB; black where the model does not say.
+    /// Background of the training in sRGB; black if it is not recorded.
     pub fn background(&self) -> [f32; 3] {
         self.info.as_ref().map_or([0.0; 3], background_of)
     }
@@ -239,8 +235,7 @@ fn background_of(info: &ModelInfo) -> [f32; 3] {
     }
 }
 
-/// Folder of the model that a PLY file or the folder of an iteration belongs to, if there is one
-/// around it.
+/// Folder of the model that contains a PLY file or the folder of an iteration, if there is one.
 fn folder_of(path: &Path, model: &Model) -> Option<PathBuf> {
     let file = model_folder::gaussians_in(path);
     if path.is_dir() && file.is_none() {

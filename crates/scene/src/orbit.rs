@@ -22,11 +22,11 @@ pub const DEFAULT_SIZE: [u32; 2] = [800, 800];
 pub const DEFAULT_COUNT: u32 = 8;
 
 /// Cameras of a turntable: a circle around the centre of a scene, at the mean elevation of its
-/// known cameras. Where these leave out a quarter of the circle or more, the turntable goes back
-/// and forth along the arc that they cover.
+/// known cameras. If these leave a gap of a quarter of the circle or more, the turntable goes back
+/// and forth along the covered arc.
 ///
-/// `size` is the width and height of pictures, in pixels. Intrinsics, near plane included, are
-/// those of the first known camera if there is one, whatever `size` is.
+/// `size` is the width and height of pictures, in pixels. Intrinsics and near plane are those of
+/// the first known camera if there is one, for any `size`.
 pub fn turntable(
     orientation: &Orientation,
     known: &[NamedCamera],
@@ -42,7 +42,7 @@ pub fn turntable(
     (0..count).map(camera_at).collect()
 }
 
-/// Cameras evenly spread over a sphere around Gaussians, all of which they see.
+/// Cameras evenly spread over a sphere around Gaussians, each of which sees all Gaussians.
 pub fn sphere(gaussians: &Gaussians<Vec<f32>>, count: u32) -> Vec<Camera> {
     let (centre, distance) = framing(gaussians);
     let [width, height] = DEFAULT_SIZE;
@@ -56,12 +56,12 @@ pub fn sphere(gaussians: &Gaussians<Vec<f32>>, count: u32) -> Vec<Camera> {
     cameras.into_iter().map(|camera| Camera { near, ..camera }).collect()
 }
 
-/// Near plane of cameras, in proportion to how far they spread.
+/// Near plane of cameras, proportional to their spread.
 pub fn near_plane(cameras: &[NamedCamera]) -> f32 {
     near_of(extent_of_cameras(cameras.iter().map(|(_, camera)| camera)))
 }
 
-/// First view of a free navigation through a scene.
+/// First view of free navigation in a scene.
 #[derive(Debug)]
 pub struct StartView {
     /// Known cameras of the scene, with a common near plane.
@@ -96,7 +96,7 @@ impl StartView {
     }
 }
 
-/// Camera rolled about its view until `up` is upwards in its picture; unchanged for a view along
+/// Camera rolled about its view so that `up` points up in its picture; unchanged for a view along
 /// up.
 fn levelled(camera: &Camera, up: Vec3) -> Camera {
     let forward = camera.camera_from_world.row(2);
@@ -156,12 +156,12 @@ impl Orbit {
         Self { arc: Arc::of(known.iter().filter_map(|(_, camera)| orbit.azimuth_of(camera)).collect()), ..orbit }
     }
 
-    /// Azimuth of a camera near the circle's elevation and not inside the circle, in radians; none
-    /// for others, whose views differ from those of the circle.
+    /// Azimuth in radians of a camera near the circle's elevation and outside of the circle; `None`
+    /// for others, which do not resemble views from the circle.
     fn azimuth_of(&self, camera: &Camera) -> Option<f32> {
         /// Largest difference of elevation, in radians.
         const ELEVATION_TOLERANCE_RAD: f32 = 0.35;
-        /// Least distance from the centre, relative to the circle's.
+        /// Smallest distance from the centre, relative to the circle's.
         const DISTANCE_MIN: f32 = 0.9;
         let from_centre = camera.position - self.centre;
         let distance = from_centre.length();
@@ -197,7 +197,7 @@ impl Orbit {
     }
 }
 
-/// Two orthonormal directions perpendicular to `up`, from the first of which azimuths count.
+/// Two orthonormal directions perpendicular to `up`; azimuths count from the first.
 fn horizon(up: Vec3) -> [Vec3; 2] {
     let east = up.any_orthonormal_vector();
     [east, up.cross(east)]
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_view_in_another_frame_is_not_stretched_and_shows_no_less() {
+    fn a_view_of_another_size_is_not_stretched_or_cropped() {
         let view = Camera::look_at(Vec3::X * 4.0, Vec3::ZERO, Vec3::Z, 0.7, 90, 60);
         let off_centre = Camera { principal_px: [40.0, 33.0], ..view };
         for camera in [view, off_centre] {
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn one_begins_upright_whatever_is_rolled() {
+    fn the_first_view_is_upright_even_if_pictures_are_rolled() {
         for (rolled, first) in [(0, Some(0)), (2, Some(2)), (8, None)] {
             let known = circle(rolled);
             let orientation = estimate(known.iter().map(|(_, camera)| camera), &[]).unwrap();
@@ -256,7 +256,7 @@ mod tests {
             assert!(right.z.abs() < 1e-6 && down.z < 0.0, "the horizon is level, and the sky above");
             assert!(
                 forward.distance(known[0].1.camera_from_world.row(2)) < 1e-6,
-                "one looks where the first camera does"
+                "the view direction is that of the first camera"
             );
             let cameras = turntable(&orientation, &known, 8, None);
             assert!(cameras.iter().all(|(_, camera)| camera.camera_from_world.row(0).z.abs() < 1e-6));
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turntable_goes_to_and_fro_where_cameras_leave_much_of_the_circle_out() {
+    fn a_turntable_swings_if_cameras_leave_a_large_gap() {
         let all_around = circle(0);
         let [start, len] = [2.5_f32, 3.0];
         let side: Vec<NamedCamera> = (0..20)
@@ -275,7 +275,7 @@ mod tests {
                 (k.to_string(), Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.7, 90, 60))
             })
             .collect();
-        // From above, and from close by, one sees what one does not see from the circle.
+        // Views from above and from close by do not resemble views from the circle.
         let [above, close] = [Vec3::new(0.4, 0.1, 4.4), Vec3::new(1.5, 0.5, 0.8)];
         let others = [above, close].map(|eye| Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.7, 90, 60));
         let side: Vec<NamedCamera> =
@@ -298,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn a_few_cameras_leave_nothing_out() {
+    fn a_few_evenly_spread_cameras_leave_no_gap() {
         for count in [1, 3, 8] {
             let angles = (0..count).map(|k| 0.3 + TAU * k as f32 / count as f32).collect();
             assert_eq!(Arc::of(angles), None, "{count} cameras, evenly spread");

@@ -4,16 +4,16 @@
 //! the rest:
 //!
 //! - **Axis of up.** Photographs are taken level, upright or on their side, so that the horizon is
-//!   parallel to one axis of the picture. Up is the unit vector u with the least Σ min((x·u)²,
+//!   parallel to one axis of the picture. Up is the unit vector u that minimises Σ min((x·u)²,
 //!   (y·u)²) over the axes x and y of all pictures; tilted pictures contribute a constant instead.
 //!   For a fixed choice of axes u is the smallest eigenvector of Σ a aᵀ; the choice and u are
 //!   refined alternately from many start directions. Among minima of nearly equal cost, small terms
 //!   prefer u perpendicular to the view directions, and upright pictures to pictures on their side.
-//! - **Sign of up.** The majority of upright pictures decides; otherwise cameras look down rather
-//!   than up; otherwise the sum of the pictures' up directions decides.
-//! - **Centre.** The point with the least sum of distances from all optical axes, by iteratively
-//!   reweighted least squares. Where the axes are parallel or meet behind the cameras: the point in
-//!   front of the cameras' mean at the median depth of the scene's points, or the mean itself if
+//! - **Sign of up.** The majority of upright pictures decides; else cameras are assumed to look
+//!   down rather than up; else the sum of the pictures' up directions decides.
+//! - **Centre.** The point with the smallest sum of distances from all optical axes, by iteratively
+//!   reweighted least squares. If the axes are parallel or intersect behind the cameras: the point
+//!   in front of the cameras' mean at the median depth of the scene's points, or the mean itself if
 //!   the view directions cancel.
 //!
 //! The result is equivariant under rotations of the world, except that a nearby axis of the world
@@ -39,21 +39,21 @@ const TILTED_SIN: f64 = 0.342;
 const ALONG_UP_SIN: f64 = 0.1;
 /// Start directions of the search for up, over half the sphere.
 const START_COUNT: usize = 96;
-/// Most iterations of choosing axes and fitting up; a handful is usual.
+/// Maximum iterations of choosing axes and fitting up; a handful is usual.
 const FIT_ITERATIONS_MAX: usize = 32;
 /// Cost of looking along up, relative to a squared tilt of 1: below the tilts of wrong answers,
 /// above zero.
 const ALONG_UP_COST: f64 = 0.05;
 /// Cost of a picture on its side, relative to a squared tilt of 1.
 const SIDEWAYS_COST: f64 = 0.01;
-/// Prior standard deviation of the roll of hand-held pictures, in radians: 3°. It weighs as much as
+/// Prior standard deviation of the roll of hand-held pictures, in radians: 3°, with the weight of
 /// one picture.
 const ROLL_PRIOR_RAD: f64 = 0.052;
 /// Standard error from which up is undetermined, in radians: 6°.
 const UP_ERROR_MAX_RAD: f64 = 0.105;
 /// Length of a mean of unit vectors below which it has no direction.
 const MEAN_LENGTH_MIN: f64 = 0.5;
-/// Mean sine of the cameras' pitch from which they look down or up.
+/// Mean sine of the cameras' pitch above which they look down or up.
 const PITCH_SIN_MIN: f64 = 0.05;
 /// Cosine of the angle to an axis of the world, 37°, within which the axis replaces an undetermined
 /// up.
@@ -64,7 +64,7 @@ const ROUNDING: f64 = 1e-4;
 const PARALLEL_SIN2: f64 = 1e-3;
 /// Iterations of the reweighted least squares.
 const REWEIGHT_ITERATIONS: usize = 16;
-/// Smallest distance from an optical axis that weighs, as a share of the cameras' spread.
+/// Lower bound of distances in the weights, as a share of the cameras' spread.
 const AXIS_DISTANCE_MIN: f64 = 0.01;
 
 /// Axes and position of a camera in world space.
@@ -123,7 +123,7 @@ pub fn estimate<'a>(cameras: impl IntoIterator<Item = &'a Camera>, points: &[[f3
     })
 }
 
-/// Orientation that a model records, else the estimate from its cameras; none without either.
+/// Recorded orientation of a model, else the estimate from its cameras; `None` without either.
 pub fn recorded_or_estimated<'a>(
     info: Option<&ModelInfo>,
     cameras: impl IntoIterator<Item = &'a Camera>,
@@ -184,7 +184,7 @@ fn count_rolled(axes: &[Axes], up: DVec3) -> usize {
     axes.iter().filter(|camera| !has_upright_picture(camera, up)).count()
 }
 
-/// Estimates up, with its source and its standard error in radians where it is determined.
+/// Estimates up, with its source and its standard error in radians if it is determined.
 fn estimate_up(axes: &[Axes]) -> (DVec3, UpSource, Option<f64>) {
     let candidates =
         sphere::directions(2 * START_COUNT).take(START_COUNT).map(|start| LevelFit::from(axes, start.into()));
@@ -201,7 +201,7 @@ fn estimate_up(axes: &[Axes]) -> (DVec3, UpSource, Option<f64>) {
 struct LevelFit {
     up: DVec3,
     cost: f64,
-    /// Standard error in radians; infinite where all level axes are parallel.
+    /// Standard error in radians; infinite if all level axes are parallel.
     error: f64,
 }
 
@@ -260,7 +260,7 @@ fn sign_of_up(axes: &[Axes], up: DVec3) -> (f64, UpSource) {
     }
 }
 
-/// Up where the cameras do not determine it.
+/// Up direction if the cameras do not determine it.
 fn undetermined_up(axes: &[Axes]) -> (DVec3, UpSource) {
     let mean = |axis: fn(&Axes) -> DVec3| axes.iter().map(axis).sum::<DVec3>() / axes.len() as f64;
     let (above, backwards) = (mean(|camera| -camera.down), mean(|camera| -camera.forward));
@@ -303,7 +303,7 @@ fn estimate_centre(axes: &[Axes], points: &[[f32; 3]]) -> DVec3 {
     })
 }
 
-/// Point with the least sum of distances from all optical axes, each at least `near`; none for
+/// Point with the smallest sum of distances from all optical axes, each at least `near`; `None` for
 /// parallel axes.
 fn meeting_point(axes: &[Axes], near: f64) -> Option<DVec3> {
     let mut weights = vec![1.0; axes.len()];
@@ -390,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn any_pictures_may_be_rolled_by_quarters_and_the_world_be_any() {
+    fn up_is_found_for_rolled_pictures_in_any_world() {
         type Quarters = fn(u64) -> u64;
         let rolls: [(&str, Quarters); 6] = [
             ("none", |_| 0),
@@ -404,8 +404,7 @@ mod tests {
             for heights in [[0.0, 0.0], [0.2, 0.2], [0.1, 0.9], [0.8, 0.8], [-0.3, 1.2]] {
                 for seed in 0..4 {
                     let cameras = ring(heights, quarters, 0.0);
-                    // Pictures on their side at the height of what they look at do not tell above
-                    // from below.
+                    // Level pictures on their side do not distinguish above from below.
                     let is_told =
                         heights != [0.0, 0.0] || !matches!(name, "all, by 90°" | "all, by 270°" | "any, by any");
                     let (turn, scale, shift) =
@@ -428,7 +427,7 @@ mod tests {
     }
 
     #[test]
-    fn rolled_pictures_are_counted_and_what_tells_is_told() {
+    fn rolled_pictures_are_counted_and_the_source_is_recorded() {
         let found = of(&ring([0.2, 0.6], |k| k % 4 / 3, 0.0));
         assert_eq!((found.cameras, found.rolled, found.up_source), (40, 10, UpSource::Upright));
         let found = of(&ring([0.2, 0.6], |_| 1, 0.0));
@@ -440,7 +439,7 @@ mod tests {
     }
 
     #[test]
-    fn hands_that_shake_and_pictures_that_are_tilted_hardly_matter() {
+    fn camera_shake_and_tilted_pictures_hardly_matter() {
         for (seed, heights) in [[0.0, 0.3], [0.2, 0.9], [0.5, 1.3]].into_iter().enumerate() {
             let mut cameras = ring(heights, uniform_quarters, 3.0);
             for k in 0..5 {
@@ -465,7 +464,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_beside_each_other_take_the_ups_of_their_pictures_and_the_depth_of_their_points() {
+    fn parallel_cameras_use_the_up_of_their_pictures_and_the_depth_of_their_points() {
         let at = |k: u64| {
             let position = Vec3::new(0.2 * k as f32, 0.1 * uniform(3, 0, k), 0.0);
             Camera::look_at(position, position + Vec3::new(0.01 * normal(3, 1, k), 0.0, 5.0), Vec3::NEG_Y, 0.7, 100, 80)
@@ -479,7 +478,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cameras_cannot_tell_has_a_known_outcome() {
+    fn undetermined_orientations_have_a_defined_result() {
         assert!(estimate(&[], &[]).is_none(), "no camera");
         let one = &ring([0.5, 0.5], |_| 0, 0.0)[..1];
         let found = of(one);
@@ -504,7 +503,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_that_look_outwards_have_their_middle_among_them() {
+    fn cameras_that_look_outwards_have_their_centre_among_them() {
         let outwards = |camera: &Camera| Camera { position: 2.0 * MIDDLE - camera.position, ..*camera };
         let turned: Vec<Camera> = ring([0.1, 0.1], |_| 0, 0.0).iter().map(outwards).collect();
         let found = of(&turned);
@@ -513,7 +512,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_of_the_world_turns_what_is_found_and_nothing_else() {
+    fn the_estimate_is_equivariant_under_rotations() {
         let cameras = ring([0.0, 0.8], uniform_quarters, 4.0);
         let before = of(&cameras);
         let turn = some_turn(77);

@@ -1,21 +1,21 @@
-//! Rendering overlapped with the host's work on the views before.
+//! Rendering overlapped with the host's work on earlier views.
 
 use core::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Mutex;
 
-/// Results that may wait for each thread. With more than one, a producer that waits for capacity
-/// finds a result to finish.
+/// Waiting results per thread. With more than one, a producer that waits for capacity can finish a
+/// result.
 const WAITING_PER_THREAD: usize = 2;
-/// Most results that wait, which bounds the memory they take.
+/// Maximum number of waiting results, which bounds their memory.
 const WAITING_MAX: usize = 16;
 
 const HELD_SHORTLY: &str = "nothing panics while it holds the results";
 
-/// Produces `count` items one after another, such as rendered views, and finishes them on free
-/// threads of rayon's current pool meanwhile: measures them, packs them, writes them.
+/// Produces `count` items one after another, such as rendered views, while free threads of rayon's
+/// current pool finish them: measure, pack or write them.
 ///
-/// The results are in the order of the items. `progress` is given the number of finished items
-/// after each item that was produced, and at the end.
+/// The results are in the order of the items. `progress` receives the number of finished items
+/// after each produced item, and at the end.
 ///
 /// # Errors
 ///
@@ -47,14 +47,14 @@ pub fn overlap<T: Send, R: Send, E: Send>(
     finished.in_order()
 }
 
-/// Results so far, and the number of items that wait for theirs.
+/// Results so far, and the number of unfinished items.
 struct Finished<R, E> {
     results: Mutex<Vec<(usize, Result<R, E>)>>,
     waiting: AtomicUsize,
 }
 
 impl<R, E> Finished<R, E> {
-    /// Finishes items while too many wait.
+    /// Finishes items while too many are waiting.
     fn wait_for_capacity(&self) {
         let capacity = (WAITING_PER_THREAD * rayon::current_num_threads()).min(WAITING_MAX);
         while self.waiting.load(Ordering::Relaxed) >= capacity {

@@ -20,7 +20,7 @@ use std::{
 
 /// Cameras of a folder's pictures.
 const CAMERAS: &str = "views.json";
-/// Folders beside those of layers.
+/// Folders other than those of layers.
 const OTHERS: [&str; 2] = ["renders", "gt"];
 /// Animation of a turntable.
 const ANIMATION: &str = "turntable.png";
@@ -30,9 +30,8 @@ pub fn picture_name(index: usize) -> String {
     format!("{index:05}.png")
 }
 
-/// Parts of a name, one for each difference of pictures from those of the model by default:
-/// storage, projection, order, low-pass, background, and the profile that the attributes were read
-/// with.
+/// Parts of a name, one for each difference from the model's default pictures: storage, projection,
+/// order, low-pass, background, and the profile that the attributes were read with.
 pub fn differences(
     opened: &OpenedModel,
     options: &RenderOptions,
@@ -90,12 +89,12 @@ pub struct PictureFolder {
 
 impl PictureFolder {
     /// Requested folder, or `MODEL/GROUP/ours_N`, its name followed by `differences`, by a size
-    /// other than that of the views and by whether pictures are turned.
+    /// other than that of the views and by a mark of rotated pictures.
     ///
     /// # Errors
     ///
-    /// [`SceneError::NoFolder`] for a PLY file on its own, without a requested folder;
-    /// [`specula_io::Error::Link`] for pictures that would be written or removed elsewhere.
+    /// [`SceneError::NoFolder`] for a single PLY file without a requested folder;
+    /// [`specula_io::Error::Link`] if pictures would be written or removed through a link.
     pub fn of(
         opened: &OpenedModel,
         requested: Option<&Path>,
@@ -128,7 +127,7 @@ impl PictureFolder {
         self.picture(layer, index).with_extension("exr")
     }
 
-    /// Path of the true picture of a view.
+    /// Path of the ground truth of a view.
     pub fn true_picture(&self, index: usize) -> PathBuf {
         self.path.join("gt").join(picture_name(index))
     }
@@ -138,13 +137,13 @@ impl PictureFolder {
         self.path.join(ANIMATION)
     }
 
-    /// Lists the cameras beside the pictures, and removes pictures and numbers of an earlier
-    /// rendering: the numbers of `layers`, or all of every layer if its cameras differ, or if its
-    /// light may differ. Nothing is removed from a folder without a list.
+    /// Writes the list of cameras, and removes pictures and numbers of an earlier rendering: the
+    /// numbers of `layers`, or everything if its cameras differ or its light may differ. Removes
+    /// nothing from a folder without a list.
     ///
     /// # Errors
     ///
-    /// A list that cannot be written, or is no file.
+    /// A list that cannot be written, or is not a file.
     pub fn claim(&self, set: &CameraSet, layers: &[Layer], may_be_relit: bool) -> Result<()> {
         whole_file::remove_unfinished(&self.path, 1);
         let path = self.path.join(CAMERAS);
@@ -171,7 +170,7 @@ impl PictureFolder {
     }
 
     /// Removes numbered files with this extension from folders of these names; returns their
-    /// number. Failures show when files are written.
+    /// number. Failures are reported when files are written.
     fn remove(&self, names: &[&str], extension: &str) -> usize {
         let folders = names.iter().map(|name| self.path.join(name));
         let files = folders.flat_map(|folder| fs::read_dir(folder).into_iter().flatten().flatten());

@@ -1,4 +1,4 @@
-//! Parts of clouds for other programs: some Gaussians, fewer planes, no filter in space.
+//! Subsets of Gaussians for other programs: fewer Gaussians, fewer planes, no 3D filter.
 
 use specula_core::{
     attributes::{AttributePlanes, StoredGaussian},
@@ -12,7 +12,7 @@ pub(crate) fn opacity(gaussians: &Gaussians<Vec<f32>>, index: usize) -> f32 {
     shape.scales_and_opacity().1
 }
 
-/// Some Gaussians, with the first planes of a layout that begins alike.
+/// Selected Gaussians, in a layout that is a prefix of theirs.
 pub(crate) fn subset(gaussians: &Gaussians<Vec<f32>>, kept: &[usize], layout: Layout) -> Gaussians<Vec<f32>> {
     let mut some = Gaussians { count: kept.len(), layout, values: vec![0.0; len_of_values(kept.len(), layout)] };
     for (target, source) in kept.iter().enumerate() {
@@ -23,9 +23,9 @@ pub(crate) fn subset(gaussians: &Gaussians<Vec<f32>>, kept: &[usize], layout: La
     some
 }
 
-/// Gaussians with their filters in scales and opacities, which is exact: a Gaussian under the
-/// filter is a wider and fainter one ([`specula_core::antialias::smoothed`]). They keep their
-/// low-pass on the screen.
+/// Gaussians with their 3D filters applied to scales and opacities, which is exact: a filtered
+/// Gaussian is wider and fainter ([`specula_core::antialias::smoothed`]). They keep their low-pass
+/// on the screen.
 pub(crate) fn unfiltered(gaussians: &Gaussians<Vec<f32>>) -> Gaussians<Vec<f32>> {
     let Some(plane) = gaussians.layout.filter_plane() else { return gaussians.clone() };
     let all: Vec<usize> = (0..gaussians.count).collect();
@@ -41,10 +41,10 @@ pub(crate) fn unfiltered(gaussians: &Gaussians<Vec<f32>>) -> Gaussians<Vec<f32>>
     plain
 }
 
-/// Logit of a share of an opacity: ln(c p / (1 − c p)) with p = 1 / (1 + e⁻ˣ), which is exact for
-/// opacities near one as well.
+/// Logit of a share of an opacity: ln(c p / (1 − c p)) with p = 1 / (1 + e⁻ˣ), which is also exact
+/// for opacities near one.
 fn logit_of_share(logit: f32, share: f64) -> f32 {
-    /// Opacities beyond those of these logits are zero or one in any format.
+    /// Largest magnitude of a logit: beyond it opacities are zero or one in any format.
     const LOGIT_MAX: f64 = 80.0;
     let odds_against = (-f64::from(logit)).exp() + (1.0 - share);
     (share / odds_against).ln().clamp(-LOGIT_MAX, LOGIT_MAX) as f32

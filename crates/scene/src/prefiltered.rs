@@ -1,5 +1,5 @@
-//! Lights that are prefiltered for other programs: a cube map with a level for each roughness, as
-//! files that engines sample, and a description of their levels.
+//! Prefiltered lights for other programs: a cube map with a level for each roughness, in files for
+//! engines, and a description of the levels.
 
 use crate::{
     environment::{RESOLUTION_SLOW, radiance, resampled},
@@ -31,7 +31,7 @@ pub enum LevelChain {
     Mips {
         /// Roughness of a level.
         roughness: MipRoughness,
-        /// Number of levels; by default down to 4 texels, which measures best.
+        /// Number of levels; by default down to 4 texels, the best in measurements.
         count: Option<usize>,
     },
     /// Levels of the authors' code, integrated over the light.
@@ -50,7 +50,7 @@ impl LevelChain {
         }
     }
 
-    /// Least resolution of the first level.
+    /// Minimum resolution of the first level.
     pub const fn resolution_min(self) -> usize {
         match self {
             Self::Mips { .. } => PrefilterScheme::Exact.resolution_min(),
@@ -74,8 +74,8 @@ impl LevelChain {
         (resolution.ilog2() as usize + 1).min(MAX_LEVELS)
     }
 
-    /// Levels from a resolution, a power of two of at least [`LevelChain::resolution_min`]; none
-    /// where no chain has that many levels.
+    /// Levels from a resolution, a power of two of at least [`LevelChain::resolution_min`]; `None`
+    /// if there are too few.
     pub fn levels(self, resolution: usize) -> Option<Levels> {
         match self {
             Self::Mips { roughness, .. } => Levels::mips(roughness, resolution, self.count(resolution)),
@@ -157,19 +157,18 @@ pub fn light_of_model(light: &Environment<Vec<f32>>, exposure: f32, up: UpAxis) 
     Environment { resolution: light.resolution, activation: RadianceActivation::Identity, values }
 }
 
-/// Radiance of a light whose levels are filtered for other programs; says so where a network has
-/// levels of its own.
+/// Radiance of a light to be filtered for other programs; warns if a network has its own levels.
 pub fn radiance_to_filter(light: &Environment<Vec<f32>>) -> Vec<f32> {
     if light.is_network() {
         tracing::warn!(
-            "the light is a network; the levels are filtered from its light at roughness 0, and rough ones differ from \
-             those that it was trained with"
+            "the light is a network; the levels are filtered from its light at roughness 0, so rough levels differ \
+             from the trained ones"
         );
     }
     radiance(light)
 }
 
-/// Light at a resolution, by default its own rounded up to one that the chain takes.
+/// Light at a resolution, by default its own rounded up to one that the chain supports.
 pub fn at_resolution(
     light: &Environment<Vec<f32>>,
     resolution: Option<usize>,
@@ -192,7 +191,7 @@ impl PrefilteredLight {
     ///
     /// # Errors
     ///
-    /// [`CpuError::LightResolution`], where the first level has another resolution than the light.
+    /// [`CpuError::LightResolution`] if the first level and the light differ in resolution.
     pub fn new(
         light: &Environment<Vec<f32>>,
         chain: LevelChain,

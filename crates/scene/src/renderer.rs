@@ -1,4 +1,4 @@
-//! Renderer of a scene, whatever its executor.
+//! Renderer of a scene on any executor.
 
 use crate::{
     Scene, SceneError,
@@ -44,25 +44,25 @@ pub trait RenderBackend: Send {
     /// Those of the executor.
     fn render(&mut self, slot: usize, camera: &Camera, rules: &RenderRules) -> Result<Image<Vec<f32>>, SceneError>;
 
-    /// Filters a light into a slot, in place of the light that was there.
+    /// Filters a light into a slot, replacing its light.
     ///
     /// # Errors
     ///
-    /// Those of the executor, such as a resolution that the prefilter does not take; or
+    /// Those of the executor, such as a resolution that the prefilter does not support; or
     /// [`SceneError::Immutable`].
     fn set_light(&mut self, slot: usize, light: &Environment<Vec<f32>>, rules: &RenderRules) -> Result<(), SceneError>;
 
-    /// Replaces the lamps of lights that are set afterwards, their rays and the surface that casts
-    /// their shadows excepted; a scene without lamps gets none.
+    /// Replaces the lamps for lights that are set later, but not their number of rays or their
+    /// occluder; has no effect on a scene without lamps.
     ///
     /// # Errors
     ///
-    /// [`SceneError::Immutable`], for backends that keep their light.
+    /// [`SceneError::Immutable`] for backends that keep their light.
     fn set_lamps(&mut self, lamps: &[Lamp]) -> Result<(), SceneError>;
 
-    /// Puts lamps beside the light of a slot, in place of those that it had; the light is not
-    /// filtered again. A view by rules that do not illuminate shows none of them. A slot whose
-    /// lamps were refused by the executor is empty.
+    /// Adds lamps to the light of a slot, replacing earlier lamps; the light is not filtered again.
+    /// Views without illuminating rules ignore lamps. If the executor rejects the lamps, the slot
+    /// is empty.
     ///
     /// # Errors
     ///
@@ -70,11 +70,11 @@ pub trait RenderBackend: Send {
     /// [`SceneError::Immutable`].
     fn add_lamps(&mut self, slot: usize, lamps: &SceneLamps) -> Result<(), SceneError>;
 
-    /// Replaces Gaussians and near field; lights that are set afterwards are around the latter.
+    /// Replaces Gaussians and near field; the latter applies to lights that are set later.
     ///
     /// # Errors
     ///
-    /// Those of the executor, such as arrays larger than it takes; or [`SceneError::Immutable`].
+    /// Those of the executor, such as arrays that are too large; or [`SceneError::Immutable`].
     fn set_surface(
         &mut self,
         gaussians: &Gaussians<Vec<f32>>,
@@ -107,14 +107,14 @@ struct UploadedLamps<N> {
     occluder: Option<N>,
 }
 
-/// Surface that cast shadows last.
+/// Last shadow-casting surface.
 struct Occluders<N> {
-    /// The surface, and the same on an executor.
+    /// Surface, and its upload on an executor.
     latest: Option<(Arc<Surface>, N)>,
 }
 
 impl<N: Clone> Occluders<N> {
-    /// The surface on the executor, uploaded unless it was the last one as well.
+    /// Surface on the executor, uploaded unless it is the last one.
     fn get<E: Renderer<NearField = N>>(
         &mut self,
         exec: &mut E,
@@ -132,7 +132,7 @@ impl<N: Clone> Occluders<N> {
     }
 }
 
-/// Light of lamps that their surface reflects onto itself; none for previews.
+/// Interreflected light of lamps; `None` for previews.
 fn reflected(lamps: &SceneLamps) -> Vec<f32> {
     let occluder = lamps.occluder.as_ref().filter(|_| lamps.reflects());
     occluder.map_or_else(Vec::new, |occluder| reflected_by(occluder, lamps))
@@ -150,7 +150,7 @@ where
     ) -> Result<Self, SceneError> {
         let gaussians = exec.upload_gaussians(gaussians).map_err(Into::into)?;
         let mut occluders = Occluders { latest: None };
-        // The near field may cast shadows as well.
+        // The near field may also cast shadows.
         let uploaded = occluders.get(&mut exec, near_field.as_ref()).map_err(Into::into)?;
         let lamps = match lamps {
             Some(lamps) => {
@@ -162,11 +162,11 @@ where
         Ok(Self { exec, gaussians, near_field: uploaded, lamps, occluders, lights: Vec::new(), store, storage })
     }
 
-    /// Scene on an executor that rounds what it stores.
+    /// Scene on an executor with rounded storage.
     ///
     /// # Errors
     ///
-    /// Those of the executor: a scene larger than its arrays may be.
+    /// Those of the executor, such as a scene that is too large.
     pub fn with_executor(exec: E, scene: &Scene) -> Result<Self, SceneError> {
         Self::new(exec, scene, |light, _| light, Storage::F32)
     }
@@ -181,7 +181,7 @@ where
         pipeline::render(&mut self.exec, &self.gaussians, light, camera, rules)
     }
 
-    /// Executor, to read frames from.
+    /// Executor for reading frames.
     pub fn executor(&mut self) -> &mut E {
         &mut self.exec
     }
@@ -260,7 +260,7 @@ where
     }
 }
 
-/// Uploads Gaussians, which are rounded to their storage, to an executor of these options.
+/// Uploads Gaussians, rounded to their storage, to an executor with these options.
 fn upload(
     device: Device,
     scene: &Scene,
@@ -298,11 +298,11 @@ fn rounded(mut light: Light, storage: Storage) -> Light {
 
 impl Scene {
     /// Scene on an executor, ready for pictures with these channels. Stages that the scene does not
-    /// need are left out, which changes no bit of its pictures.
+    /// need are skipped, which changes no bit of its pictures.
     ///
     /// # Errors
     ///
-    /// Those of the executor: a scene larger than its arrays may be.
+    /// Those of the executor, such as a scene that is too large.
     pub fn renderer<E>(&self, exec: E, channels: Channels) -> Result<SceneRenderer, SceneError>
     where
         E: Renderer + Send + 'static,
@@ -318,8 +318,8 @@ impl Scene {
 /// Scene on an executor, its light filtered, with the rules of its pictures.
 ///
 /// The executor is chosen at run time by [`SceneRenderer::new`], or is the caller's own
-/// ([`SceneRenderer::with_executor`]). Other lights may be filtered beside the scene's own and
-/// looked up view by view ([`SceneRenderer::render_lit`]).
+/// ([`SceneRenderer::with_executor`]). Other lights may be filtered in addition to the scene's own
+/// and selected view by view ([`SceneRenderer::render_lit`]).
 #[derive(Debug)]
 pub struct SceneRenderer {
     backend: Box<dyn RenderBackend>,
@@ -330,7 +330,7 @@ impl SceneRenderer {
     /// Slot of the scene's own light.
     pub const SCENE_LIGHT: usize = 0;
 
-    /// Renderer of views with these channels. Stages that the scene does not need are left out,
+    /// Renderer of views with these channels. Stages that the scene does not need are skipped,
     /// which changes no bit of its pictures.
     ///
     /// # Errors
@@ -342,7 +342,7 @@ impl SceneRenderer {
         Self::with_rules(&scene, rules, options)
     }
 
-    /// Renderer of views with these channels, no stage left out: the reference for
+    /// Renderer of views with these channels and all stages: the reference for
     /// [`SceneRenderer::new`].
     ///
     /// # Errors
@@ -370,7 +370,7 @@ impl SceneRenderer {
     ///
     /// # Errors
     ///
-    /// Those of the executor: a scene larger than its arrays may be.
+    /// Those of the executor, such as a scene that is too large.
     pub fn with_executor<E>(exec: E, scene: &Scene, channels: Channels) -> Result<Self, SceneError>
     where
         E: Renderer + Send + 'static,
@@ -384,12 +384,12 @@ impl SceneRenderer {
         Self { backend, rules }.lit_by(scene.light_for(&rules))
     }
 
-    /// Renderer on a backend that holds the Gaussians and the light of `scene`.
+    /// Renderer on a backend with the Gaussians and the light of `scene`.
     pub fn with_backend(backend: Box<dyn RenderBackend>, scene: &Scene, channels: Channels) -> Self {
         Self { backend, rules: scene.plan(channels).rules }
     }
 
-    /// Renderer of a scene whose Gaussians are rounded already.
+    /// Renderer of a scene with rounded Gaussians.
     fn with_rules(scene: &Scene, rules: RenderRules, options: &RenderOptions) -> Result<Self, SceneError> {
         let light = scene.light_for(&rules);
         if let Some(Environment { resolution: resolution @ RESOLUTION_SLOW.., .. }) = light {
@@ -419,13 +419,12 @@ impl SceneRenderer {
     }
 
     /// View of the scene: its channels, premultiplied, then transmittance, plane by plane. Models
-    /// that are shaded per pixel have more channels than were asked for; `Image::channels` counts
-    /// them, and [`Channels::index_of`](specula_core::rules::Channels::index_of) finds one.
+    /// that are shaded per pixel have more channels than requested; `Image::channels` counts them,
+    /// and [`Channels::index_of`](specula_core::rules::Channels::index_of) finds one.
     ///
     /// # Errors
     ///
-    /// Those of the executor: a picture with more splats in its tiles than can be counted, or a
-    /// device that was lost.
+    /// Those of the executor, such as too many splats in the tiles of a picture, or a lost device.
     pub fn render(&mut self, camera: &Camera) -> Result<Image<Vec<f32>>, SceneError> {
         self.backend.render(Self::SCENE_LIGHT, camera, &self.rules)
     }
@@ -444,8 +443,8 @@ impl SceneRenderer {
         self.backend.render(slot, camera, rules)
     }
 
-    /// Renders views of a data set one after another, each with normals if its true ones are known,
-    /// and hands them to `finish` on other threads meanwhile ([`overlap`]).
+    /// Renders views of a data set one after another, with normals if the true ones are known, and
+    /// passes them to `finish` on other threads ([`overlap`]).
     ///
     /// # Errors
     ///
@@ -468,8 +467,8 @@ impl SceneRenderer {
         overlap(views.len(), progress, render, |index, image| finish(&views[index], &image))
     }
 
-    /// Filters a light into a slot, by the scheme and the levels of `rules`. Its resolution is one
-    /// that the prefilter takes ([`fitting`](crate::environment::fitting)).
+    /// Filters a light into a slot, by the scheme and the levels of `rules`. Its resolution must be
+    /// one that the prefilter supports ([`fitting`](crate::environment::fitting)).
     ///
     /// # Errors
     ///
@@ -483,30 +482,30 @@ impl SceneRenderer {
         self.backend.set_light(slot, light, rules)
     }
 
-    /// Replaces the lamps of lights that are set afterwards, their rays and the surface that casts
-    /// their shadows excepted; a scene without lamps gets none.
+    /// Replaces the lamps for lights that are set later, but not their number of rays or their
+    /// occluder; has no effect on a scene without lamps.
     ///
     /// # Errors
     ///
-    /// [`SceneError::Immutable`], for backends that keep their light.
+    /// [`SceneError::Immutable`] for backends that keep their light.
     pub fn set_lamps(&mut self, lamps: &[Lamp]) -> Result<(), SceneError> {
         self.backend.set_lamps(lamps)
     }
 
-    /// Puts lamps beside the light of a slot, in place of those that it had; the light is not
-    /// filtered again. Rules show them where they illuminate
+    /// Adds lamps to the light of a slot, replacing earlier lamps; the light is not filtered again.
+    /// Only illuminating rules show them
     /// ([`Plan::illuminated`](specula_core::plan::Plan::illuminated)).
     ///
     /// # Errors
     ///
-    /// Lamps with a fault, those of the executor, which leave the slot empty, or
+    /// Invalid lamps; those of the executor, which leave the slot empty; or
     /// [`SceneError::Immutable`] for backends that keep their light.
     pub fn add_lamps(&mut self, slot: usize, lamps: &SceneLamps) -> Result<(), SceneError> {
         self.backend.add_lamps(slot, lamps)
     }
 
     /// Replaces the Gaussians by others, rounded to the storage of the renderer
-    /// ([`Scene::rounded`]), and the near field; lights are to be set again.
+    /// ([`Scene::rounded`]), and the near field; lights must be set again.
     ///
     /// # Errors
     ///

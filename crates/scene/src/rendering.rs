@@ -1,5 +1,5 @@
-//! Pictures of a scene as files, layer by layer, and the comparison of planned pictures with those
-//! of all stages.
+//! Pictures of a scene as files, layer by layer, and the comparison of planned pictures with
+//! pictures of all stages.
 
 use crate::{
     Layer, RenderOptions, Scene, SceneError, SceneRenderer, backdrop::Backdrop, camera_set::CameraSet,
@@ -33,14 +33,14 @@ pub struct PictureJob<'a> {
     pub backdrop: &'a Backdrop,
     /// Folder.
     pub folder: &'a PictureFolder,
-    /// Whether the numbers of the layers are written as well ([`Layer::planes`]).
+    /// Writes the numbers of the layers as well ([`Layer::planes`]).
     pub has_numbers: bool,
 }
 
 impl PictureJob<'_> {
-    /// Renders and writes every view, and the animation of a turntable. `form` is that of the
-    /// scene's shading; `inspect` is given each view, rendered by the rules of the renderer, with
-    /// its index, `progress` the number of finished views.
+    /// Renders and writes every view, and the animation of a turntable. `form` is the form of the
+    /// scene's shading; `inspect` receives each view, rendered by the rules of the renderer, with
+    /// its index, and `progress` the number of finished views.
     ///
     /// # Errors
     ///
@@ -84,13 +84,13 @@ impl PictureJob<'_> {
         Ok(())
     }
 
-    /// Layers that show a view which was rendered with a light in the channel of light.
+    /// Layers to show of a view that was rendered with a light in the light channel.
     fn layers_with(&self, light: LightLayer) -> impl Iterator<Item = Layer> {
         self.layers.iter().copied().filter(move |layer| layer.light_layer() == light)
     }
 
-    /// Writes the layers of a view with a light in the channel of light; returns its colours, if
-    /// they are among them.
+    /// Writes the layers of a view with a light in the light channel; returns the colours if they
+    /// are among the layers.
     fn write(
         &self,
         index: usize,
@@ -116,8 +116,7 @@ impl PictureJob<'_> {
         Ok(colors)
     }
 
-    /// Writes the true pictures of the first views, where they have the name and the size of their
-    /// camera.
+    /// Writes the ground truth of the first views, if it has the name and the size of the camera.
     ///
     /// # Errors
     ///
@@ -134,7 +133,7 @@ impl PictureJob<'_> {
     }
 }
 
-/// Comparison of pictures of a plan, which omits stages without effect, with those of all stages.
+/// Comparison of a plan's pictures, which skip stages without effect, with pictures of all stages.
 #[derive(Debug)]
 pub struct OmissionCheck {
     unplanned: SceneRenderer,
@@ -164,7 +163,7 @@ impl OmissionCheck {
         Ok(())
     }
 
-    /// Largest difference so far; 0 where the plan omits nothing that has an effect.
+    /// Largest difference so far; 0 if all omissions are without effect.
     pub fn largest(&self) -> f32 {
         self.largest
     }
@@ -176,7 +175,7 @@ mod tests {
     use crate::{ExecutorChoice, ShadingModel};
     use specula_core::scene::{Gaussians, Layout, QUAT, len_of_values};
 
-    /// A Gaussian in front of the camera, grey from everywhere.
+    /// Grey Gaussian in front of the camera.
     fn scene() -> Scene {
         let layout = Layout::radiance(0);
         let values = vec![0.0; len_of_values(1, layout)];
@@ -186,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_that_lacks_something_differs_by_it() {
+    fn the_difference_of_an_omission_is_measured() {
         let camera = Camera::look_at(glam::Vec3::X * 5.0, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 16, 16);
         let options = RenderOptions::full_precision(ExecutorChoice::Cpu);
         let mut renderer = SceneRenderer::new(scene(), Channels::Color, &options).expect("the CPU renders");

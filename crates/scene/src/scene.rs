@@ -26,7 +26,7 @@ use specula_mesh::{ambient::Ambient, near_field, sky::Sky, surface::Surface};
 use specula_train::{near_field::set_ambient, trainer::HostScene};
 use std::{path::Path, sync::Arc};
 
-/// Least and default resolution of a light that replaces that of a scene, in texels along a face's
+/// Minimum and default resolution of a light that replaces a scene's, in texels along a face's
 /// edge.
 const LIGHT_RESOLUTION: [usize; 2] = [64, 128];
 
@@ -35,11 +35,11 @@ const LIGHT_RESOLUTION: [usize; 2] = [64, 128];
 pub struct Scene {
     /// Gaussians in the conventions of the shading model, not those of files.
     pub gaussians: Gaussians<Vec<f32>>,
-    /// Light from far away; none for plain Gaussian splatting.
+    /// Distant light; `None` for plain Gaussian splatting.
     pub light: Option<Environment<Vec<f32>>>,
-    /// Surface of the scene that reflected rays may meet; none where they leave for the far light.
+    /// Surface of the scene that reflected rays may hit; `None` if they see only the distant light.
     pub near_field: Option<Arc<Surface>>,
-    /// Lamps beside the light from far away; none but where they were added.
+    /// Lamps in addition to the distant light; `None` unless added.
     pub lamps: Option<SceneLamps>,
     /// Rules that the attributes were trained under.
     pub shading_model: ShadingModel,
@@ -52,12 +52,12 @@ impl Scene {
         Self { gaussians, light: environment, near_field: near_field.map(Surface::shared), lamps: None, shading_model }
     }
 
-    /// Surface that reflected rays may meet, as a near field.
+    /// Surface that reflected rays may hit, as a near field.
     pub fn near_field(&self) -> Option<&NearField<Vec<f32>>> {
         self.near_field.as_ref().map(|surface| &***surface)
     }
 
-    /// Light at a resolution that the prefilter takes, if pictures under these rules look it up.
+    /// Light at a resolution that the prefilter supports, if pictures under these rules look it up.
     pub fn light_for(&self, rules: &RenderRules) -> Option<Environment<Vec<f32>>> {
         let light = self.light.as_ref().filter(|_| rules.is_lit && self.gaussians.layout.is_shaded())?;
         Some(fitting(light, rules.scheme))
@@ -70,7 +70,7 @@ impl Scene {
         plan.tracing(self.near_field.is_some() && self.shading_model.traces_near()).illuminated(self.lamps.is_some())
     }
 
-    /// Gaussians rounded to their storage, so that a plan looks at the numbers that are rendered.
+    /// Gaussians rounded to their storage, so that a plan sees the rendered numbers.
     pub fn rounded(mut self, storage: Storage) -> Self {
         storage.round(&mut self.gaussians);
         self
@@ -81,18 +81,18 @@ impl Scene {
         Self { gaussians: subset(&self.gaussians, kept, self.gaussians.layout), ..self.clone() }
     }
 
-    /// Levels that the light is filtered into; none without a light, or where nothing looks it up.
+    /// Levels of the filtered light; `None` without a light or lookups.
     pub fn levels(&self) -> Option<Levels> {
         let light = self.light.as_ref().filter(|_| self.gaussians.layout.is_shaded())?;
         Some(levels_of(light, self.shading_model.scheme))
     }
 
-    /// Replaces the light by a lat-long map of radiance, whose poles are those of `up` in the
-    /// scene's world. The cube has the resolution of the light before, at least 64; 128 where there
-    /// was none.
+    /// Replaces the light by a lat-long map of radiance with its poles along `up` in the scene's
+    /// world. The cube has the resolution of the previous light, at least 64; 128 if there was
+    /// none.
     ///
-    /// Physical materials take the place of view-dependent colours where there are any, and the
-    /// light that reaches them past the scene's surface is found anew.
+    /// Physical materials replace view-dependent colours if there are any, and their light,
+    /// occluded by the scene's surface, is computed again.
     pub fn relight(&mut self, map: &LatLong, up: impl Into<MapOrientation>) {
         let resolution = self.resolution_of_others();
         let values = latlong::to_cube(map, resolution, up);
@@ -103,8 +103,8 @@ impl Scene {
         }
     }
 
-    /// Finds the light that reaches physical materials past the surface of the scene, and the light
-    /// that this surface reflects once.
+    /// Computes the light of physical materials, occluded by the surface of the scene, and the
+    /// light that this surface reflects once.
     fn transfer_light(&mut self) {
         let (Some(light), Some(near_field)) = (&self.light, &self.near_field) else { return };
         let sky = Sky::new(light);
@@ -133,8 +133,8 @@ impl Scene {
     }
 
     /// Multiplies the albedo of physical materials by a factor for linear red, green and blue, up
-    /// to an albedo of 1; of what the surface of the scene reflects as well. A scene without
-    /// materials keeps what it has.
+    /// to an albedo of 1, including that of the scene's surface. A scene without materials is
+    /// unchanged.
     pub fn scale_albedo(&mut self, factors: [f32; 3]) {
         let Some(first) = self.gaussians.layout.physical_planes().map(|first| first + ALBEDO) else { return };
         let scaled = |albedo: [f32; 3]| core::array::from_fn(|k| (albedo[k] * factors[k]).clamp(0.0, 1.0));
@@ -154,8 +154,8 @@ impl Scene {
         }));
     }
 
-    /// Adds lamps to the light of a scene of physical materials, or to darkness, in place of those
-    /// that it had.
+    /// Adds lamps to the light of a scene of physical materials, or to no light, replacing earlier
+    /// lamps.
     ///
     /// # Errors
     ///
@@ -169,7 +169,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Replaces the light by darkness.
+    /// Replaces the light by black.
     pub fn darken(&mut self) {
         self.relight(&LatLong { width: 2, height: 1, rgb: vec![0.0; 6] }, UpAxis::Z);
     }
@@ -180,7 +180,7 @@ impl Scene {
         self.light.as_ref().map_or(default, |light| light.resolution.max(min))
     }
 
-    /// Number of Gaussians with numbers that are not finite, by reason, as text; none if all are
+    /// Number of Gaussians with numbers that are not finite, by reason, as text; `None` if all are
     /// finite.
     pub fn nonfinite_reasons(&self) -> Option<String> {
         let stats = CullStats::of(&self.gaussians, None);
@@ -190,8 +190,7 @@ impl Scene {
         (!reasons.is_empty()).then(|| reasons.join(", "))
     }
 
-    /// Whether the scene can be shown: without Gaussians, or with one at least whose numbers are
-    /// finite, and a light of finite numbers.
+    /// True if the scene can be rendered: it has no Gaussians or a finite one, and a finite light.
     pub fn is_finite(&self) -> bool {
         let stats = CullStats::of(&self.gaussians, None);
         let broken: usize =
@@ -233,7 +232,7 @@ mod tests {
     const ROUNDING: f32 = 1e-6;
 
     #[test]
-    fn albedos_are_scaled_up_to_one_and_nothing_else_is() {
+    fn only_albedos_are_scaled_up_to_one() {
         let layout = Layout::shaded(None).physical();
         let first = layout.physical_planes().unwrap();
         let mut gaussians = Gaussians { count: 2, layout, values: vec![0.0; len_of_values(2, layout)] };

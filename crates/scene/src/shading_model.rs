@@ -1,10 +1,10 @@
 //! Shading models, and the conversion between their numbers and those of files.
 //!
-//! Files follow GaussianShader's code, whatever trained them: the diffuse colour is σ(f_dc − ln 3),
-//! and a normal that was flipped towards the viewer is −v + Δn₂. In the paper's form they are
-//! σ(diffuse) and −(v + Δn₂), so numbers are shifted and Δn₂ changes its sign between the two. The
-//! rest of a model is named beside the numbers: the equation that combines the terms, the
-//! base axis of normals, the prefilter of the light.
+//! Files always follow GaussianShader's code: the diffuse colour is σ(f_dc − ln 3), and a normal
+//! that was flipped towards the viewer is −v + Δn₂. In the paper's form they are σ(diffuse) and −(v
+//! + Δn₂), so numbers are shifted and Δn₂ changes its sign between the two. Files also name the
+//! rest of a model: the equation that combines the terms, the base axis of normals, the prefilter
+//! of the light.
 
 use crate::error::SceneError;
 use serde::Deserialize;
@@ -23,11 +23,11 @@ use specula_train::profile::{Profile, Reflections};
 /// First word of a PLY comment that names a shading model.
 const COMMENT: &str = "specula";
 
-/// Colours of a scene that has physical materials beside its view-dependent colours.
+/// Colours of a scene with physical materials in addition to its view-dependent colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Shading {
-    /// View-dependent colours, which look best under the light of the training.
+    /// View-dependent colours, the best under the light of the training.
     View,
     /// Physical materials ([`specula_core::physical`]), for other lights.
     Physical,
@@ -50,7 +50,7 @@ pub struct ShadingModel {
     pub shading: ShadingRules,
     /// Prefilter of the light.
     pub scheme: PrefilterScheme,
-    /// Light that mirrored rays of view-dependent colours bring, in scenes with a near field.
+    /// Light of mirrored rays in view-dependent colours, in scenes with a near field.
     pub reflections: Reflections,
 }
 
@@ -64,14 +64,14 @@ impl ShadingModel {
     pub const OFFICIAL: Self =
         Self { shading: ShadingRules::OFFICIAL, scheme: PrefilterScheme::Official, ..Self::PAPER };
 
-    /// Plan of pictures with these channels, for Gaussians of this layout: the one place that
-    /// decides which stages they can do without.
+    /// Plan of pictures with these channels, for Gaussians of this layout: the only place that
+    /// decides which stages are skipped.
     pub fn plan(self, layout: Layout, needs: &Needs, levels: Option<&Levels>, channels: Channels) -> Plan {
         let full = RenderRules::full(self.shading, self.scheme, channels);
         Plan::new(layout, needs, levels, &RenderRules { sh_degree: layout.sh_degree, ..full })
     }
 
-    /// The same model with physical materials in place of view-dependent colours, or these again.
+    /// The same model with physical materials or with view-dependent colours.
     #[must_use]
     pub const fn shaded(self, shading: Shading) -> Self {
         let form = match (shading, self.shading.form) {
@@ -82,12 +82,12 @@ impl ShadingModel {
         Self { shading: ShadingRules { form, ..self.shading }, ..self }
     }
 
-    /// Colours that the model shows.
+    /// Colours of the model.
     pub fn shading(self) -> Shading {
         if self.shading.form == ShadingForm::Physical { Shading::Physical } else { Shading::View }
     }
 
-    /// Whether mirrored rays meet the surface of a scene that has one.
+    /// True if mirrored rays hit the surface of a scene with a near field.
     pub fn traces_near(self) -> bool {
         self.shading() == Shading::Physical || self.reflections == Reflections::Near
     }
@@ -97,8 +97,8 @@ impl ShadingModel {
         Self { shading: profile.shading, scheme: profile.scheme, reflections: profile.reflections }
     }
 
-    /// Shading model that a saved model names in `specula.json`, else in a comment of its PLY file;
-    /// that of the authors' code, whose layout it has, where neither does.
+    /// Shading model that a saved model names in `specula.json`, else in a comment of its PLY file,
+    /// else that of the authors' code, which defines the layout.
     pub fn of_model(model: &Model) -> Self {
         let from_info = model.info.as_ref().and_then(|info| {
             let word = |key: &str| info.rest.get(key).and_then(Value::as_str);
@@ -108,8 +108,7 @@ impl ShadingModel {
         from_info.or_else(from_comments).unwrap_or(Self::OFFICIAL)
     }
 
-    /// Refuses a model whose files name a shading function that is not known here, as those of
-    /// later versions may.
+    /// Rejects a model with an unknown shading function, possibly of a later version.
     ///
     /// # Errors
     ///
@@ -157,14 +156,14 @@ impl ShadingModel {
         Some(model)
     }
 
-    /// Shading model that a comment names; none of other comments.
+    /// Shading model named by a comment; `None` for other comments.
     pub fn from_comment(comment: &str) -> Option<Self> {
         let pairs = named_in(comment)?;
         let word = |key: &str| pairs.get(key).and_then(Value::as_str);
         Self::from_names(word("shading")?, word("axis"), word("prefilter"), word("reflections"))
     }
 
-    /// Comment of a PLY file, as [`ShadingModel::of_model`] reads it.
+    /// Comment of a PLY file for [`ShadingModel::of_model`].
     pub fn comment(self) -> String {
         let [shading, axis, prefilter, reflections] = self.names();
         format!("{COMMENT} shading={shading} axis={axis} prefilter={prefilter} reflections={reflections}")
@@ -185,7 +184,7 @@ impl ShadingModel {
         [
             match self.shading.form {
                 ShadingForm::Paper => "paper",
-                // Materials are a second reading of the same numbers.
+                // Materials are a second interpretation of the same numbers.
                 ShadingForm::Deferred | ShadingForm::Physical => "deferred",
                 ShadingForm::Official => "official",
             },
@@ -247,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn the_papers_numbers_mean_the_same_to_the_authors() {
+    fn the_papers_numbers_are_converted_to_the_authors() {
         let mut gaussians = one(0.25, 0.5);
         ShadingModel::PAPER.encode(&mut gaussians);
         let [in_file] = gaussians.get::<1>(0, DIFFUSE);
@@ -256,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn the_authors_numbers_stay_as_they_are() {
+    fn the_authors_numbers_are_unchanged() {
         let mut gaussians = one(0.25, 0.5);
         ShadingModel::OFFICIAL.encode(&mut gaussians);
         assert_eq!(gaussians, one(0.25, 0.5));
@@ -272,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn materials_meet_the_surface_that_view_dependent_colours_may_leave_out() {
+    fn materials_reflect_the_surface_that_view_dependent_colours_may_ignore() {
         let far = ShadingModel { reflections: Reflections::Far, ..ShadingModel::DEFERRED };
         assert!(!far.traces_near() && ShadingModel::DEFERRED.traces_near());
         assert!(far.shaded(Shading::Physical).traces_near());
@@ -280,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn comments_say_how_to_read_a_file() {
+    fn comments_name_the_shading_model() {
         let free_normals = ShadingRules { axis: AxisRule::None, ..ShadingRules::PAPER };
         let free = ShadingModel { shading: free_normals, ..ShadingModel::PAPER };
         let far = ShadingModel { reflections: Reflections::Far, ..ShadingModel::DEFERRED };

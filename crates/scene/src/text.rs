@@ -1,11 +1,10 @@
-//! Values as text, as users write them and as files of settings keep them; text of files as it is
-//! shown.
+//! Values as text, for options and settings files; escaping of text from files.
 
 use core::str::FromStr;
 use std::path::Path;
 
-/// Text with escapes of JSON in place of characters that move the cursor, colour a terminal, begin
-/// lines or turn the direction of reading: names out of files may forge what is shown.
+/// Text with JSON escapes for characters that move the cursor, colour a terminal, begin lines or
+/// change the reading direction: names from files could forge output.
 pub fn printable(text: &str) -> String {
     let mut shown = String::with_capacity(text.len());
     for letter in text.chars() {
@@ -20,17 +19,17 @@ pub fn printable(text: &str) -> String {
     shown
 }
 
-/// Whether a character separates lines or turns the direction of reading.
+/// True if a character separates lines or changes the reading direction.
 const fn is_format(letter: char) -> bool {
     matches!(letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-/// Path as it is shown.
+/// Path for display.
 pub fn shown(path: &Path) -> String {
     printable(&path.to_string_lossy())
 }
 
-/// Parses numbers separated by commas; none if any part is no number.
+/// Parses numbers separated by commas; `None` if any part is not a number.
 pub(crate) fn numbers<T: FromStr>(text: &str) -> Option<Vec<T>> {
     text.split(',').map(|number| number.trim().parse().ok()).collect()
 }
@@ -52,7 +51,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn characters_that_forge_what_a_terminal_shows_are_escaped_as_in_json() {
+    fn control_characters_are_escaped_as_in_json() {
         let hostile = "a\r\n\t\x1b]0;b\x07\u{9b}2J\u{202e}\u{2066}\u{2028}\x7f";
         let shown = printable(hostile);
         assert_eq!(shown, "a\\r\\n\\t\\u001b]0;b\\u0007\\u009b2J\\u202e\\u2066\\u2028\\u007f");

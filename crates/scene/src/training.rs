@@ -1,9 +1,9 @@
 //! Training with checkpoints: started from points or resumed, on an executor chosen at run time,
 //! with the CPU as a fallback for devices that fail.
 //!
-//! [`Training`] takes the steps. An [`Observer`] follows them: it shows progress, saves at pauses,
-//! ends the run, and has the pictures for the fallback. [`Checkpoints`] are written at an
-//! interval and at the end, and a [`Lock`] keeps other trainings out of the folder.
+//! [`Training`] takes the steps. An [`Observer`] shows progress, saves at pauses, ends the run, and
+//! provides the pictures for the fallback. [`Checkpoints`] are written at an interval and at the
+//! end, and a [`Lock`] keeps other trainings out of the folder.
 
 mod checkpoint;
 mod info;

@@ -1,4 +1,4 @@
-//! Upright placement of a scene for other programs: up along an axis of theirs, the centre in the
+//! Upright placement of a scene for other programs: up along one of their axes, the centre at the
 //! origin, the cameras at a median distance of four units.
 //!
 //! With the rotation R, the centre c and the scale s, a point p becomes s R (p − c). Means, quats,
@@ -112,7 +112,7 @@ impl Upright {
         }
     }
 
-    /// Orientation in the scene's world of a lat-long map of the upright world.
+    /// Orientation in the scene's world of a lat-long map in the upright world.
     pub fn map_orientation(&self, map: UpAxis) -> MapOrientation {
         MapOrientation::rotated(map, DQuat::from_mat3(&self.rotation.transpose()))
     }

@@ -138,7 +138,7 @@ fn cameras(size: u32) -> [Camera; 3] {
         .map(|eye| Camera::look_at(eye.into(), Vec3::new(0.0, 0.0, 0.15), Vec3::Z, 0.6, size, size))
 }
 
-/// Pictures of the scene, with the means of squares of its pixels in place of them, in sRGB over
+/// Pictures of the scene, with the means of squares of its pixels instead of them, in sRGB over
 /// white.
 fn rendered(scene: &Scene) -> Vec<Vec<f64>> {
     let mut renderer = scene.renderer(CpuExecutor::new(), Channels::Color).unwrap();

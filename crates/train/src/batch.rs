@@ -1,8 +1,8 @@
-//! Batches of views: gradients at the same parameters, which ranks can compute beside each other.
+//! Batches of views: gradients at the same parameters, which ranks can compute in parallel.
 //!
 //! Adam then takes a step for each of them in the order of the views, as if they were visited one
-//! after another; all that a batch changes is that gradients are up to B − 1 steps old. Rates and
-//! moments are those of single views, so that there is no rule by which they would have to grow.
+//! after another; the only difference is that gradients are up to B − 1 steps old. Rates and
+//! moments are those of single views, so no scaling rule is needed.
 
 use crate::{
     profile::{Densification, Profile},
@@ -17,9 +17,9 @@ use specula_core::{
 };
 
 impl Profile {
-    /// Profile for batches of views, from the profile of a training that visits as many views in
-    /// all, one a step: counts of views become counts of batches. Learning rates stay, as Adam
-    /// takes a step for each view; 1 changes nothing.
+    /// Profile for batches of views, from the profile of a training that visits the same number of
+    /// views, one per step: counts of views become counts of batches. Learning rates are unchanged,
+    /// because Adam takes a step for each view; 1 changes nothing.
     #[must_use]
     pub fn for_batches(mut self, views: u32) -> Self {
         let views = views.max(1);
@@ -94,7 +94,7 @@ pub(crate) fn batch_step<E: Executor>(
     Ok(reports)
 }
 
-/// Gaussians and light as they are before a batch.
+/// Gaussians and light before a batch.
 type Parameters<A> = (Gaussians<A>, Option<Environment<A>>);
 
 fn copied_parameters<E: Executor>(
@@ -108,7 +108,7 @@ fn copied_parameters<E: Executor>(
     Ok((gaussians, Some(light.with_values(exec.upload(&values)?))))
 }
 
-/// Gradient of one view of a batch, with its share in the statistics.
+/// Gradient of one view of a batch, with its contribution to the statistics.
 pub(crate) fn gradient_of<E: Executor>(
     exec: &mut E,
     gaussians: &Gaussians<E::Array>,
@@ -134,8 +134,7 @@ fn add_statistics<E: Executor>(
 }
 
 /// Takes Adam's step against the gradient of the view at a position, and adds its statistics to
-/// those of the scene. Returns how many numbers of the gradient were skipped because they were not
-/// finite.
+/// those of the scene. Returns the number of skipped gradient entries that were not finite.
 pub(crate) fn apply<E: Executor>(
     exec: &mut E,
     scene: &mut SceneState<E::Array>,
@@ -153,7 +152,7 @@ pub(crate) fn apply<E: Executor>(
     if let (Some((environment, moments)), Some(grad)) = (light, grad.light) {
         exec.optimise_environment(environment, moments, grad, environment_rate, radiance_max, number)?;
     }
-    // Nothing is binned here, so that no step has to be repeated.
+    // Nothing is binned here, so no step has to be repeated.
     Ok(exec.report()?.map_or(0, |report| report.nonfinite))
 }
 
@@ -215,16 +214,16 @@ mod tests {
         assert_eq!(batched.views_per_step, 4);
         let Densification { from, until, every, reset_every, grad_min, .. } = batched.densification;
         assert_eq!((from, until, every, reset_every, grad_min), (125, 875, 25, 750, single.densification.grad_min));
-        let (of_batches, of_views) = (batched.rates.mean, single.rates.mean);
-        let expected = (of_views.first, of_views.last, of_views.steps / 4);
-        assert_eq!((of_batches.first, of_batches.last, of_batches.steps), expected);
-        assert_eq!(batched.rates.tint, single.rates.tint, "rates that do not fall stay as they are");
-        let [of_batches, of_views] = [batched.exposure, single.exposure].map(|rate| rate.expect("it is learned"));
-        assert_eq!((of_batches.first, of_batches.steps), (of_views.first, 1750));
+        let (batched_rate, single_rate) = (batched.rates.mean, single.rates.mean);
+        let expected = (single_rate.first, single_rate.last, single_rate.steps / 4);
+        assert_eq!((batched_rate.first, batched_rate.last, batched_rate.steps), expected);
+        assert_eq!(batched.rates.tint, single.rates.tint, "constant rates are unchanged");
+        let [batched_rate, single_rate] = [batched.exposure, single.exposure].map(|rate| rate.expect("it is learned"));
+        assert_eq!((batched_rate.first, batched_rate.steps), (single_rate.first, 1750));
     }
 
     #[test]
-    fn intervals_become_no_zeros_and_zeros_stay() {
+    fn intervals_do_not_become_zero_and_zeros_stay() {
         let mut profile = by_name("paper", 100).expect("a profile");
         (profile.densification.every, profile.densification.reset_every) = (3, 0);
         let Densification { every, reset_every, .. } = profile.for_batches(64).densification;

@@ -101,7 +101,7 @@ fn plane_difference(one: &[f32], other: &[f32]) -> f32 {
     one.iter().zip(other).map(difference).fold(0.0, |max, x| if x.is_nan() { f32::INFINITY } else { max.max(x) })
 }
 
-/// Rules to render a view for its metrics: normals are included where there is ground truth.
+/// Rules to render a view for its metrics: normals are included if there is ground truth.
 pub fn rules_to_measure(view: &View, rules: &RenderRules) -> RenderRules {
     let channels = if view.normals.is_some() { Channels::Training } else { Channels::Color };
     RenderRules { channels, ..*rules }
@@ -140,7 +140,7 @@ pub fn measure_view(image: &Image<Vec<f32>>, view: &View, background: [f32; 3]) 
     measure_pair(&Pair::new(image, view, background), image, view)
 }
 
-/// Metrics of a view that is paired already.
+/// Metrics of a paired view.
 pub fn measure_pair(pair: &Pair, image: &Image<Vec<f32>>, view: &View) -> ViewQuality {
     let Pair { width, rendered, truth, known } = pair;
     let share = known.as_deref().map_or(1.0, share_of);
@@ -153,8 +153,8 @@ pub fn measure_pair(pair: &Pair, image: &Image<Vec<f32>>, view: &View) -> ViewQu
 }
 
 /// PSNR in dB after fitting an exposure to the ground truth. Photographs of a scene may differ in
-/// exposure, which held-out views cannot predict. The fit sees the ground truth, so that the value
-/// is no measure of prediction.
+/// exposure, which held-out views cannot predict. The fit uses the ground truth, so the value does
+/// not measure prediction.
 pub fn fitted_psnr(image: &Image<Vec<f32>>, view: &View, background: [f32; 3]) -> f64 {
     let pair = Pair::new(image, view, background);
     let exposed = exposed(image, &fitted_exposure(image, &pair, background));
@@ -226,8 +226,8 @@ pub fn mean_squared_error(x: &[f32], y: &[f32]) -> f64 {
     x.iter().zip(y).map(square).sum::<f64>() / x.len().max(1) as f64
 }
 
-/// Mean angle between rendered and ground-truth normals in degrees, over pixels of which more than
-/// half is covered; none without ground truth or such a pixel.
+/// Mean angle between rendered and ground-truth normals in degrees, over pixels that are more than
+/// half covered; `None` without ground truth or such a pixel.
 fn normal_error(image: &Image<Vec<f32>>, view: &View) -> Option<f64> {
     let normals = view.normals.as_ref()?;
     let (mut sum, mut count) = (0.0, 0.0);
@@ -245,8 +245,8 @@ fn normal_error(image: &Image<Vec<f32>>, view: &View) -> Option<f64> {
 /// Σ A α arccos(n·n_gt) / Σ A α
 /// ```
 ///
-/// over pixels with a ground-truth normal. None without ground truth, or where every weight is
-/// zero. Pixels in which nothing is rendered do not count.
+/// over pixels with a ground-truth normal. `None` without ground truth, or if every weight is zero.
+/// Pixels without a rendered surface do not count.
 pub fn weighted_normal_error(image: &Image<Vec<f32>>, view: &View) -> Option<f64> {
     let normals = view.normals.as_ref()?;
     let (mut sum, mut weights) = (0.0, 0.0);
@@ -259,8 +259,8 @@ pub fn weighted_normal_error(image: &Image<Vec<f32>>, view: &View) -> Option<f64
     (weights > 0.0).then(|| sum / weights)
 }
 
-/// Angle between the rendered normal of a pixel and its ground truth in degrees; 90 where there is
-/// no rendered normal.
+/// Angle between the rendered normal of a pixel and its ground truth in degrees; 90 without a
+/// rendered normal.
 fn normal_angle(image: &Image<Vec<f32>>, truth: &Normals, pixel: usize) -> f64 {
     const NOTHING_RENDERED: f64 = 90.0;
     let rendered = [0, 1, 2].map(|c| image.plane(channel::NORMAL + c)[pixel]);
@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_of_normals_count_each_pixel_alike_or_by_both_opacities() {
+    fn errors_of_normals_are_averaged_equally_or_by_both_opacities() {
         /// Ground-truth alpha, rendered opacity and rendered normal of a pixel whose true normal is
         /// +x: right; a faint edge, off by 90°; nothing rendered; off by 45°; without ground truth.
         const PIXELS: [(u8, f32, [f32; 3]); 5] = [
@@ -376,10 +376,7 @@ mod tests {
         assert!((alike - (0.0 + 90.0 + 45.0) / 3.0).abs() < 1e-6, "{alike}°: the faint edge does not count");
         let weighted = weighted_normal_error(&image, &view).unwrap();
         let expected = (0.2 * 0.5 * 90.0 + 0.8 * 0.25 * 45.0) / (1.0 + 0.2 * 0.5 + 0.8 * 0.25);
-        assert!(
-            (weighted - expected).abs() < 1e-6,
-            "{weighted}°, not {expected}°: what is not rendered does not count"
-        );
+        assert!((weighted - expected).abs() < 1e-6, "{weighted}°, not {expected}°: unrendered pixels do not count");
 
         let unseen = View { rgba: vec![0; 4 * width], ..view.clone() };
         assert_eq!(measure_view(&image, &unseen, [1.0; 3]).normal_mae, None, "no pixel is covered");
@@ -408,7 +405,7 @@ mod tests {
     const BACKGROUND: [f32; 3] = [0.9, 0.5, 0.1];
 
     #[test]
-    fn fits_find_the_exposure_of_a_photograph_and_lose_nothing_without_one() {
+    fn fits_recover_the_exposure_of_a_photograph() {
         /// PSNR in dB of rounding to 8 bits: errors of 0.29 levels.
         const ROUNDED: f64 = 55.0;
         let exposure = [[0.7, 0.1, 0.0, 0.05], [0.05, 0.9, -0.1, 0.1], [0.0, 0.1, 0.8, -0.02]];

@@ -1,7 +1,7 @@
 //! Messages between the ranks of a training: processes or threads that share its work.
 //!
-//! An [`Exchange`] moves bytes and computes nothing. In particular it offers no sums, whose order a
-//! library would choose: a rank uses the numbers that it receives in the order of the views
+//! An [`Exchange`] moves bytes and computes nothing. In particular it offers no sums, because a
+//! library would choose their order: a rank uses the received numbers in the order of the views
 //! ([`crate::ranks`]). [`threads`] connects threads of one process and is the reference for all
 //! other exchanges.
 
@@ -26,11 +26,11 @@ pub enum ExchangeError {
     Silent {
         /// Number of the rank.
         rank: usize,
-        /// Time that was waited.
+        /// Waiting time.
         patience: Duration,
     },
     /// A message's length differs from the one that all ranks expect.
-    #[error("rank {rank} sent {found} bytes in place of {expected}")]
+    #[error("rank {rank} sent {found} bytes instead of {expected}")]
     Length {
         /// Number of the rank.
         rank: usize,
@@ -39,26 +39,26 @@ pub enum ExchangeError {
         /// Bytes that came.
         found: usize,
     },
-    /// A rank trains other data or settings.
+    /// A rank has other data or settings.
     #[error(
-        "rank {rank} has {what} other than those of rank 0; start all ranks with the same options, pictures and kind of \
-         executor"
+        "{what} of rank {rank} differ from those of rank 0; start all ranks with the same options, pictures and kind \
+         of executor"
     )]
     Different {
         /// Number of the rank.
         rank: usize,
-        /// Plural of what differs.
+        /// Plural noun of the difference.
         what: &'static str,
     },
     /// The network or the library beneath failed.
-    #[error("the ranks cannot talk to each other: {0}")]
+    #[error("the ranks cannot communicate: {0}")]
     Transport(String),
 }
 
 /// Connection of one rank with all others.
 ///
-/// Messages between two ranks arrive in the order in which they were sent. A message that is on its
-/// way is delivered even if its sender ends.
+/// Messages between two ranks arrive in the order in which they were sent. A message in transit is
+/// delivered even if its sender ends.
 pub trait Exchange: Debug + Send {
     /// Number of this rank, from 0.
     fn rank(&self) -> usize;
@@ -66,7 +66,7 @@ pub trait Exchange: Debug + Send {
     /// Number of ranks, at least 1.
     fn size(&self) -> usize;
 
-    /// Sends bytes to another rank, without waiting until that receives them.
+    /// Sends bytes to another rank, without waiting for their reception.
     ///
     /// # Errors
     ///
@@ -80,7 +80,7 @@ pub trait Exchange: Debug + Send {
     /// [`ExchangeError::Ended`] or [`ExchangeError::Silent`], or a failure of the transport.
     fn receive(&mut self, from: usize) -> Result<Vec<u8>, ExchangeError>;
 
-    /// Gives bytes to all ranks, and returns those of all in the order of their numbers.
+    /// Sends bytes to all ranks, and returns the bytes of all ranks in the order of their numbers.
     ///
     /// # Errors
     ///
@@ -102,7 +102,7 @@ pub trait Exchange: Debug + Send {
 pub struct ThreadExchange {
     rank: usize,
     patience: Duration,
-    /// Ways to all ranks, this one included.
+    /// Channels to all ranks, including this one.
     to: Vec<Sender<Vec<u8>>>,
     from: Vec<Receiver<Vec<u8>>>,
 }

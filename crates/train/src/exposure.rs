@@ -1,4 +1,4 @@
-//! Exposures of the training photographs: an affine map of colours for each, learned beside the
+//! Exposures of the training photographs: an affine map of colours for each, trained with the
 //! scene.
 //!
 //! A factor common to all maps is indistinguishable from the scene's colours. The mean of the maps
@@ -23,14 +23,14 @@ use specula_core::{
 /// Weight decay towards the identity per step, relative to the learning rate.
 const DECAY: f32 = 10.0;
 
-/// Exposures of `count` photographs before the first step: identities.
+/// Initial exposures of `count` photographs: identities.
 pub(crate) fn identities(count: usize) -> ExposureState {
     let zeros = vec![[[0.0; 4]; 3]; count];
     ExposureState { maps: vec![IDENTITY; count], moments: AdamMoments { mean: zeros.clone(), square: zeros } }
 }
 
-/// Takes Adam's step for one photograph, whose first step has the number 1. Returns how many
-/// numbers of the gradient were skipped because they were not finite.
+/// Takes Adam's step for one photograph, whose first step has the number 1. Returns the number of
+/// skipped gradient entries that were not finite.
 pub(crate) fn step(exposures: &mut ExposureState, view: usize, grad: &Exposure<f64>, rate: f32, number: u32) -> usize {
     let (corrected_rate, epsilon) = (corrected_rate(rate, number), corrected_epsilon(number));
     let kept = 1.0 - (DECAY * rate).min(1.0);
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_is_left_out_and_counted() {
+    fn gradients_that_are_not_finite_are_skipped_and_counted() {
         let mut exposures = identities(2);
         let mut grad = grad(1);
         (grad[0][1], grad[2][3]) = (f64::NAN, f64::INFINITY);

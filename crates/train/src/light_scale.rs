@@ -1,8 +1,8 @@
 //! Scale of a light whose mean radiance is known.
 //!
-//! A light k times as bright on materials that reflect 1/k of it makes the same picture, so that
-//! photographs of only metals cannot distinguish them. One number can: the mean radiance over all
-//! directions, which a matte ball of albedo a shows as its own mean radiance divided by a.
+//! A light k times as bright on materials that reflect 1/k of it gives the same picture, so
+//! photographs of only metals do not determine the scale. The mean radiance over all directions
+//! does; it is the mean radiance of a matte ball of albedo a, divided by a.
 
 use specula_core::{
     cubemap::texel_solid_angle,
@@ -23,8 +23,8 @@ pub(crate) fn mean_radiance(light: &Environment<Vec<f32>>) -> [f32; 3] {
     sums.map(|sum| (sum / total) as f32)
 }
 
-/// Scales a cube map so that its mean radiance is `wanted`; a channel that is black, or not finite,
-/// stays unchanged.
+/// Scales a cube map so that its mean radiance is `wanted`; a channel that is black or not finite
+/// is unchanged.
 pub(crate) fn scale_to(light: &mut Environment<Vec<f32>>, wanted: [f32; 3]) {
     let mean = mean_radiance(light);
     let factors: [f32; 3] = core::array::from_fn(|k| wanted[k] / mean[k]);
@@ -53,7 +53,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scaled_light_has_the_mean_that_is_wanted_and_the_same_shape() {
+    fn a_scaled_light_has_the_requested_mean_and_the_same_shape() {
         for activation in [RadianceActivation::Identity, RadianceActivation::Exponential] {
             let [before, mut scaled] = [light(activation), light(activation)];
             let wanted = [0.25, 2.0, 30.0];

@@ -1,5 +1,5 @@
-//! Near field of a scene under training: its own surface, for reflected rays, and for the light
-//! that reaches physical materials past it.
+//! Near field of a scene under training: its own surface, for reflected rays and for occluding the
+//! light of physical materials.
 
 use core::num::NonZero;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -32,8 +32,8 @@ pub enum Unlit {
     Materials,
 }
 
-/// Share of rays between parts of a surface below which it counts as unoccluded: only contacts of
-/// its parts.
+/// Share of rays between parts of a surface below which it counts as unoccluded, since only
+/// touching parts see each other.
 const MET_MIN: f64 = 0.01;
 
 /// Near field of a scene as some cameras see it; `None` if they see no surface, or if it neither

@@ -1,4 +1,4 @@
-//! Steps of the physical materials, beside those of the view-dependent colours.
+//! Steps of the physical materials, in addition to those of the view-dependent colours.
 
 use specula_core::{
     loss::LossWeights,
@@ -15,7 +15,7 @@ pub(crate) fn physical_rules(rules: &RenderRules) -> RenderRules {
 }
 
 /// Weights of the colour losses, times a factor, and of metalness, under a light of a mean
-/// radiance: those of the geometry belong to the other step.
+/// radiance: losses of the geometry belong to the other step.
 pub(crate) fn physical_weights(weights: &LossWeights, factor: f32, mean_light: f32) -> LossWeights {
     LossWeights {
         absolute: weights.absolute * factor,
@@ -29,7 +29,7 @@ pub(crate) fn physical_weights(weights: &LossWeights, factor: f32, mean_light: f
     }
 }
 
-/// Rates of a step of the view-dependent colours: planes of the materials rest.
+/// Rates of a step of the view-dependent colours: zero for planes of the materials.
 pub(crate) fn view_rates(layout: Layout, rates: &[f32]) -> Vec<f32> {
     let mut rates = rates.to_vec();
     if let Some(first) = layout.physical_planes() {
@@ -38,8 +38,8 @@ pub(crate) fn view_rates(layout: Layout, rates: &[f32]) -> Vec<f32> {
     rates
 }
 
-/// Rates of a step of the materials: those of albedo and metalness. Planes that the view-dependent
-/// colours share stay at rest, so that these lose nothing.
+/// Rates of a step of the materials: those of albedo and metalness. Shared planes have rate zero,
+/// so the view-dependent colours are unaffected.
 pub(crate) fn physical_rates(layout: Layout, rates: &[f32]) -> Vec<f32> {
     let mut resting = vec![AT_REST; rates.len()];
     if let Some(first) = layout.physical_planes() {

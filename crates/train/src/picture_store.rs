@@ -1,9 +1,8 @@
-//! Pictures that are decoded ahead of their turn, within a budget of memory.
+//! Pictures that are decoded ahead of their use, within a memory budget.
 //!
-//! Turns are known from the schedule of the views. Threads decode the pictures whose turns are
-//! next, and where memory is short they free those whose next turn is farthest away. A picture
-//! whose turn comes too early is decoded by the thread that asks for it. What is shown does not
-//! depend on any of this.
+//! The schedule of the views determines the turns. Threads decode the pictures with the next turns,
+//! and if memory is short they free those with the farthest next turn. If a picture is not ready at
+//! its turn, the requesting thread decodes it. The trained pixels do not depend on any of this.
 //!
 //! Several ranks of one program may share a store, so that each picture is decoded and held once.
 
@@ -30,28 +29,28 @@ pub struct PictureStore {
     decoders: Vec<JoinHandle<()>>,
 }
 
-/// Numbers of pictures that a store holds or decodes.
+/// Statistics of the pictures that a store keeps or decodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Held {
     /// Pictures now.
     pub pictures: usize,
     /// Bytes of their pixels now.
     pub bytes: u64,
-    /// Most pictures so far.
+    /// Maximum number of pictures so far.
     pub pictures_max: usize,
-    /// Most bytes so far.
+    /// Maximum number of bytes so far.
     pub bytes_max: u64,
-    /// Pictures that were decoded so far.
+    /// Number of decoded pictures so far.
     pub decoded: usize,
 }
 
 impl PictureStore {
-    /// Store of pictures with these cameras, which holds `budget` bytes of pixels at most, or a
-    /// single picture that is larger. `open` decodes a view, on one of `decoders` threads.
+    /// Store of pictures with these cameras, which keeps at most `budget` bytes of pixels, or a
+    /// single larger picture. `open` decodes a view, on one of `decoders` threads.
     ///
     /// # Panics
     ///
-    /// Panics where the system has no more threads.
+    /// Panics if the system has no more threads.
     pub fn new(
         cameras: Vec<Camera>,
         budget: u64,
@@ -76,8 +75,7 @@ impl PictureStore {
         Self { shelf, decoders }
     }
 
-    /// Adds a view that is decoded already, if there is room for it; else it is decoded in its
-    /// turn.
+    /// Adds a decoded view if there is room; otherwise it is decoded at its turn.
     pub fn add(&self, index: usize, view: View) {
         let picture = PictureKey { view: index, is_halved: false };
         let bytes = self.shelf.bytes_of(picture);
@@ -87,7 +85,7 @@ impl PictureStore {
         }
     }
 
-    /// Numbers of pictures that are held.
+    /// Statistics of the kept pictures.
     pub fn held(&self) -> Held {
         self.shelf.lock().count
     }
@@ -103,7 +101,7 @@ impl PictureSource for PictureStore {
     }
 }
 
-/// Views in memory, which are halved once.
+/// Views in memory, each halved only once.
 impl PictureSource for [View] {
     fn pictures(&self) -> Box<dyn Pictures> {
         let cameras = self.iter().map(|view| view.camera).collect();
@@ -136,13 +134,13 @@ impl Drop for PictureStore {
     }
 }
 
-/// Contents of a store, which its decoders and readers share.
+/// Contents of a store, shared by its decoders and readers.
 struct Shelf {
     cameras: Vec<Camera>,
     budget: u64,
     open: Box<Open>,
     state: Mutex<State>,
-    /// Notified when a picture is decoded or given back, and when turns change.
+    /// Notified when a picture is decoded or returned, and when turns change.
     changed: Condvar,
 }
 
@@ -152,16 +150,16 @@ impl fmt::Debug for Shelf {
     }
 }
 
-/// Picture to decode, whose memory is reserved.
+/// Picture to decode, with reserved memory.
 struct Job {
     picture: PictureKey,
-    /// The picture at full size, from which it is halved.
+    /// The picture at full size, the source of the halved one.
     whole: Option<Arc<View>>,
 }
 
-/// Place of a picture.
+/// State of a picture.
 enum Place {
-    /// Picture that is being decoded, with its reserved bytes.
+    /// Picture in decoding, with its reserved bytes.
     Opening(u64),
     Held(Arc<View>, u64),
     /// Picture that cannot be decoded.
@@ -171,7 +169,7 @@ enum Place {
 #[derive(Default)]
 struct State {
     places: HashMap<PictureKey, Place>,
-    /// Bytes that are held or reserved.
+    /// Bytes kept or reserved.
     bytes: u64,
     /// Next turns of each reader.
     turns: HashMap<usize, VecDeque<Turn>>,
@@ -181,7 +179,7 @@ struct State {
 }
 
 impl State {
-    /// The picture at full size, from which another one is halved, if it is held.
+    /// The full-size source of a halved picture, if it is in memory.
     fn whole_of(&self, PictureKey { view, is_halved }: PictureKey) -> Option<&Arc<View>> {
         match self.places.get(&PictureKey { view, is_halved: false }) {
             Some(Place::Held(whole, _)) if is_halved => Some(whole),
@@ -218,7 +216,7 @@ impl State {
         }
     }
 
-    /// Next visit of each picture that has a turn.
+    /// Next visit of each picture with a turn.
     fn next_visits(&self) -> HashMap<PictureKey, u64> {
         let mut next = HashMap::new();
         for turn in self.turns.values().flatten() {
@@ -228,15 +226,15 @@ impl State {
         next
     }
 
-    /// Frees pictures until `bytes` fit into the budget: those whose next visit is farthest away,
-    /// and later than `visit`. Frees none if that is not enough.
+    /// Frees pictures until `bytes` fit into the budget: those with the farthest next visit, later
+    /// than `visit`. Frees none if that is not enough.
     fn make_room(&mut self, budget: u64, bytes: u64, visit: u64, next: &HashMap<PictureKey, u64>) -> bool {
         let Some(spare) = budget.checked_sub(bytes) else { return false };
         if self.bytes <= spare {
             return true;
         }
         let later = |(picture, place): (&PictureKey, &Place)| match place {
-            // A picture that is looked at has another owner.
+            // A picture in use has another owner.
             Place::Held(view, bytes) if Arc::strong_count(view) == 1 => {
                 let turn = next.get(picture).copied().unwrap_or(u64::MAX);
                 (turn > visit).then_some((Reverse(turn), *picture, *bytes))
@@ -274,7 +272,7 @@ impl Shelf {
         4 * u64::from(width / part) * u64::from(height / part)
     }
 
-    /// Bytes while a picture is decoded, which is at full size at first.
+    /// Bytes during decoding, which starts at full size.
     fn bytes_to_open(&self, picture: PictureKey) -> u64 {
         self.bytes_of(PictureKey { is_halved: false, ..picture })
     }
@@ -300,8 +298,8 @@ impl Shelf {
         }
     }
 
-    /// Reserves memory for the first picture that has a turn and no place; `None` if there is no
-    /// such picture, or no room for it.
+    /// Reserves memory for the first picture with a turn that is not in memory; `None` if there is
+    /// no such picture, or no room for it.
     fn next_to_decode(&self, state: &mut State) -> Option<Job> {
         let next = state.next_visits();
         let missing = next.iter().filter(|(picture, _)| !state.places.contains_key(picture));
@@ -309,7 +307,7 @@ impl Shelf {
         self.begin(state, picture, self.budget, visit, &next)
     }
 
-    /// Reserves memory for a picture, if others with visits after `visit` leave enough.
+    /// Reserves memory for a picture, if freeing others with visits after `visit` is enough.
     fn begin(
         &self,
         state: &mut State,
@@ -318,7 +316,7 @@ impl Shelf {
         visit: u64,
         next: &HashMap<PictureKey, u64>,
     ) -> Option<Job> {
-        // Another owner keeps the picture at full size from being freed.
+        // This reference prevents freeing the picture at full size.
         if let Some(whole) = state.whole_of(picture).cloned() {
             let bytes = self.bytes_of(picture);
             if state.make_room(budget, bytes, visit, next) {
@@ -326,7 +324,7 @@ impl Shelf {
                 return Some(Job { picture, whole: Some(whole) });
             }
         }
-        // Where there is no room beside it, it is freed and opened again.
+        // Without room for both, it is freed and decoded again.
         let bytes = self.bytes_to_open(picture);
         if !state.make_room(budget, bytes, visit, next) {
             return None;
@@ -335,7 +333,7 @@ impl Shelf {
         Some(Job { picture, whole: None })
     }
 
-    /// Decodes a picture whose memory is reserved.
+    /// Decodes a picture with reserved memory.
     fn decode(&self, Job { picture, whole }: Job) {
         let open = || match (picture.is_halved, &whole) {
             (false, _) => (self.open)(picture.view),
@@ -356,7 +354,7 @@ impl Shelf {
         self.changed.notify_all();
     }
 
-    /// Picture of a turn, which is decoded here if it is not there yet.
+    /// Picture of a turn, decoded here if it is not ready.
     fn take(&self, reader: usize, turn: Turn) -> Result<Arc<View>, PictureError> {
         let Turn { picture, visit } = turn;
         let mut state = self.lock();
@@ -379,7 +377,7 @@ impl Shelf {
                 Some(Place::Opening(_)) => state = self.wait(state),
                 None => {
                     let next = state.next_visits();
-                    // A picture larger than the budget is held without others.
+                    // A picture larger than the budget is the only one in memory.
                     let budget = self.budget.max(self.bytes_to_open(picture));
                     match self.begin(&mut state, picture, budget, 0, &next) {
                         Some(job) => {
@@ -395,7 +393,7 @@ impl Shelf {
     }
 }
 
-/// Pictures of one training, or of one rank of it.
+/// Pictures of one training, or of one of its ranks.
 #[derive(Debug)]
 struct Reader {
     shelf: Arc<Shelf>,
@@ -416,7 +414,7 @@ impl Pictures for Reader {
         let view = self.shelf.take(self.reader, turn)?;
         look(&view);
         drop(view);
-        // Decoders may have waited for the memory of the picture.
+        // Decoders may be waiting for the memory of the picture.
         drop(self.shelf.lock());
         self.shelf.changed.notify_all();
         Ok(())
@@ -456,7 +454,7 @@ mod tests {
         vec![Camera::look_at(Vec3::X * 4.0, Vec3::ZERO, Vec3::Z, 0.7, SIZE, SIZE); count]
     }
 
-    /// View whose pixels are its number.
+    /// View with its number as pixels.
     fn view(index: usize) -> View {
         let rgba = vec![index as u8; PICTURE as usize];
         View { name: index.to_string(), camera: cameras(1)[0], rgba, normals: None }
@@ -466,7 +464,7 @@ mod tests {
         (1..).zip(views).map(|(visit, view)| Turn { visit, picture: PictureKey { view: *view, is_halved } }).collect()
     }
 
-    /// First byte and size of the picture that is shown.
+    /// First byte and size of a picture.
     fn seen(pictures: &mut dyn Pictures, turn: Turn) -> Result<(u8, u32), PictureError> {
         let mut seen = None;
         pictures.show(turn, &mut |view| seen = Some((view.rgba[0], view.camera.width)))?;
@@ -512,12 +510,12 @@ mod tests {
         for turn in &turns {
             seen(pictures.as_mut(), *turn).expect("it can be decoded");
         }
-        // For 2 the one whose turn is later makes room, 1; for that one 2, which has no turn.
+        // Picture 2 evicts 1, which has the later turn; 1 then evicts 2, which has no turn.
         assert_eq!(decoded.load(Ordering::Relaxed), 4);
     }
 
     #[test]
-    fn added_pictures_are_not_decoded_and_a_single_viewer_may_keep_them() {
+    fn added_pictures_are_not_decoded_and_a_single_reader_may_keep_them() {
         let store =
             PictureStore::new(cameras(2), 3 * PICTURE, 0, |index| Err(PictureError(format!("{index} is away"))));
         store.add(1, view(1));
@@ -535,7 +533,7 @@ mod tests {
     }
 
     #[test]
-    fn failures_come_in_their_turn_and_may_pass() {
+    fn failures_are_reported_at_their_turn_and_may_be_temporary() {
         let tries = AtomicUsize::new(0);
         let open = move |index: usize| match (index, tries.fetch_add(1, Ordering::Relaxed)) {
             (1, ..3) => Err(PictureError("it is away".into())),
@@ -550,11 +548,11 @@ mod tests {
         {
             assert_eq!(seen(pictures.as_mut(), turns[1]), expected);
         }
-        assert!(seen(pictures.as_mut(), turns[2]).is_err(), "a panic is no reason to wait for ever");
+        assert!(seen(pictures.as_mut(), turns[2]).is_err(), "a panic does not block readers");
     }
 
     #[test]
-    fn a_picture_is_halved_where_there_is_no_room_beside_it() {
+    fn a_picture_is_halved_without_room_for_both_sizes() {
         let store = PictureStore::new(cameras(1), PICTURE, 0, |index| Ok(view(index)));
         let mut pictures = store.pictures();
         for is_halved in [false, true, false] {
@@ -567,7 +565,7 @@ mod tests {
     }
 
     #[test]
-    fn readers_of_a_store_wait_for_each_other_and_all_come_to_their_end() {
+    fn readers_of_a_store_wait_for_each_other_and_all_finish() {
         let store = PictureStore::new(cameras(5), PICTURE, 1, |index| Ok(view(index)));
         thread::scope(|scope| {
             for reader in 0..4 {

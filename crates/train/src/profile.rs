@@ -68,8 +68,8 @@ impl Rates {
         }
     }
 
-    /// Lets constant rates fall to a share of themselves over `steps` steps; those of opacity and
-    /// harmonics stay.
+    /// Lets constant rates decay to a share of themselves over `steps` steps, except those of
+    /// opacity and harmonics.
     #[must_use]
     pub fn falling(self, share: f32, steps: u32) -> Self {
         let falling = |rate: Schedule| {
@@ -117,8 +117,8 @@ pub struct LightStart {
     pub radiance_max: f32,
 }
 
-/// Light that is known before a training, and stays unchanged: linear radiance of the texels of a
-/// cube map. Printed as a checksum.
+/// Known light, which is not trained: linear radiance of the texels of a cube map. Printed as a
+/// checksum.
 #[derive(Clone, PartialEq)]
 pub struct KnownLight(pub Arc<[f32]>);
 
@@ -145,45 +145,45 @@ pub struct GaussianStart {
 /// scene's own surface, if there is one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reflections {
-    /// Only light from far away.
+    /// Only the distant light.
     Far,
     /// Also the scene's own surface, where rays hit it.
     Near,
 }
 
-/// Schedule of the near field: how often the surface for reflected rays is built again.
+/// Schedule of the near field: when the surface for reflected rays is rebuilt.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearFieldSchedule {
-    /// Share of the training after which there is one.
+    /// Share of the training after which the first one is built.
     pub from: f32,
     /// Share of the training between two of them.
     pub every: f32,
-    /// Voxels along the longest edge of the scene, no more than the pictures have pixels along
-    /// theirs.
+    /// Voxels along the longest edge of the scene, at most the number of pixels along a picture's
+    /// longest edge.
     pub voxels: u16,
 }
 
 impl NearFieldSchedule {
-    /// Five times, of voxels about as wide as two pixels of a view of 400 × 400. Early, since a
-    /// mirror that shows its neighbours is otherwise fitted as a window onto them.
+    /// Five times, with voxels about as wide as two pixels of a view of 400 × 400. It starts early,
+    /// because a mirror that shows its neighbours is otherwise fitted as a window onto them.
     pub const DEFAULT: Self = Self { from: 0.1, every: 0.2, voxels: 160 };
 
-    /// Whether the near field is built again after an iteration.
+    /// True if the near field is rebuilt after an iteration.
     pub fn is_due(&self, iteration: u32, iterations: u32) -> bool {
         let [from, every] = [self.from, self.every].map(|share| (share * iterations as f32).round() as u32);
         iteration >= from && iteration < iterations && (iteration - from).is_multiple_of(every.max(1))
     }
 }
 
-/// Schedule of physical materials ([`specula_core::physical`]), which are fitted beside the
-/// view-dependent colours: every few iterations a second step renders them in their place.
+/// Schedule of physical materials ([`specula_core::physical`]), which are fitted in addition to the
+/// view-dependent colours: every few iterations a second step renders them instead.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhysicalSchedule {
     /// Share of the training after which they are fitted.
     pub from: f32,
     /// Iterations between two of their steps.
     pub every: u32,
-    /// Weight of their losses beside those of the view-dependent colours.
+    /// Weight of their losses relative to those of the view-dependent colours.
     pub weight: f32,
     /// Initial albedo.
     pub albedo: f32,
@@ -214,15 +214,15 @@ pub struct Profile {
     pub scheme: PrefilterScheme,
     /// Initial light; `None` for plain Gaussian splatting.
     pub light: Option<LightStart>,
-    /// Light that is known and not trained; `None` for a trained light.
+    /// Known light; `None` for a trained light.
     pub known_light: Option<KnownLight>,
-    /// Mean linear radiance of the light over all directions, where that is known; the light is
-    /// scaled to it every few steps.
+    /// Mean linear radiance of the light over all directions, if known; the light is scaled to it
+    /// every few steps.
     pub light_mean: Option<[f32; 3]>,
     /// Initial attributes.
     pub start: GaussianStart,
     /// Region in which Gaussians reflect the light; `None` for everywhere. Gaussians outside have
-    /// only their own colours, so that the light need not explain nearby background.
+    /// only view-dependent colours, so the light need not explain nearby background.
     pub foreground: Option<Ball>,
     /// Weights of the losses.
     pub weights: LossWeights,
@@ -248,9 +248,9 @@ pub struct Profile {
     pub harmonics_step: f32,
     /// Learning rates.
     pub rates: Rates,
-    /// Share of the training after which all learning rates fall linearly to zero, beside their
-    /// schedules; 1 for never. The gradient of a single view is noise around that of all of them:
-    /// large steps cover distance, the small ones at the end average the noise out.
+    /// Share of the training after which all learning rates decay linearly to zero, in addition to
+    /// their schedules; 1 for never. The gradient of a single view is a noisy sample of that of all
+    /// views: large steps cover distance, small steps at the end average the noise out.
     pub cool_from: f32,
     /// Learning rate of exposures; `None` if exposures are not learned.
     pub exposure: Option<Schedule>,
@@ -467,9 +467,9 @@ pub struct Ablation {
 const NETWORK_RATE: [f32; 2] = [2e-3, 2e-4];
 
 impl Profile {
-    /// Profile for objects that alpha cuts out of all pictures. For these, `specula` gives normals
-    /// more weight, smooths those of mirrors, and splits smaller Gaussians: surfaces seen from all
-    /// around gain in normals and in sharpness, photographs would lose, or have not been tried
+    /// Profile for objects with alpha in all pictures. For these, `specula` gives normals more
+    /// weight, smooths those of mirrors, and splits smaller Gaussians: surfaces seen from all
+    /// around gain in normals and sharpness; photographs lose, or have not been tried
     /// (docs/lab/trials.md).
     pub fn for_objects(mut self) -> Self {
         if self.name == "specula" {
@@ -496,8 +496,8 @@ impl Profile {
         self.light.is_some() && self.shading.form == ShadingForm::Deferred
     }
 
-    /// Light from a network instead of a cube map ([`specula_core::light_network`]), of the same
-    /// initial radiance; unchanged without a light.
+    /// Profile with a light network instead of a cube map ([`specula_core::light_network`]), with
+    /// the same initial radiance; unchanged without a light.
     pub fn with_light_network(mut self, iterations: u32) -> Self {
         if let Some(light) = &mut self.light {
             light.activation = RadianceActivation::Network;
@@ -507,8 +507,8 @@ impl Profile {
         self
     }
 
-    /// Profile of a light that is known: linear radiance of a cube map of the profile's resolution,
-    /// which stays unchanged. Unchanged without a light.
+    /// Profile with a known light, which is not trained: linear radiance of a cube map of the
+    /// profile's resolution. Unchanged without a light.
     ///
     /// # Panics
     ///
@@ -524,8 +524,7 @@ impl Profile {
         self
     }
 
-    /// Profile of a light whose mean linear radiance is known, while its shape is trained;
-    /// unchanged without a light.
+    /// Profile with a trained light of known mean linear radiance; unchanged without a light.
     pub fn with_light_mean(mut self, mean: [f32; 3]) -> Self {
         if let Some(light) = &mut self.light {
             light.radiance = mean.iter().sum::<f32>() / 3.0;
@@ -535,9 +534,9 @@ impl Profile {
         self
     }
 
-    /// Profile that also learns the exposures of photographs. Learning rates of the scene then fall
-    /// from the start on in place of cooling, as they did when this was measured
-    /// (docs/lab/features.md). Choose materials before.
+    /// Profile that also learns the exposures of photographs. Learning rates of the scene then
+    /// decay from the start instead of cooling, as in the measurement (docs/lab/features.md).
+    /// Select materials first.
     pub fn exposing(mut self, iterations: u32) -> Self {
         self.exposure = Some(exposure_rate(iterations));
         if self.cool_from < 1.0 {
@@ -548,8 +547,8 @@ impl Profile {
         self
     }
 
-    /// Profile that also fits physical materials, for relighting, whose light the scene's own
-    /// surface may occlude; unchanged unless light is looked up pixel by pixel.
+    /// Profile that also fits physical materials, for relighting, with occlusion by the scene's own
+    /// surface; unchanged unless light is looked up pixel by pixel.
     pub fn relightable(mut self) -> Self {
         if self.is_lit_per_pixel() {
             self.layout = self.layout.physical();
@@ -560,7 +559,7 @@ impl Profile {
         self
     }
 
-    /// Expected time of an iteration in microseconds, of which only ratios count, for pictures of
+    /// Expected time of an iteration in microseconds (only ratios are meaningful), for pictures of
     /// `pixels` pixels and `count` Gaussians. Fitted to trainings of 25 000 to 480 000 pixels and
     /// 10 000 to 70 000 Gaussians on two cores.
     pub fn step_cost(&self, iteration: u32, iterations: u32, pixels: usize, count: f64) -> f64 {
@@ -575,9 +574,9 @@ impl Profile {
         if has_materials { cost * (1.0 + MATERIALS) } else { cost }
     }
 
-    /// Share of the growth of the number of Gaussians that an iteration has behind it: from 0
-    /// before the first refinement to 1 after the last one. Growth slows down; with fewer than 20
-    /// refinements the last share is less than 1.
+    /// Share of the growth of the number of Gaussians before an iteration: from 0 before the first
+    /// refinement to 1 after the last one. Growth slows down; with fewer than 20 refinements the
+    /// last share is less than 1.
     pub fn share_of_growth(&self, iteration: u32, iterations: u32) -> f64 {
         const REFINEMENTS: f64 = 20.0;
         let Densification { from, until, every, .. } = self.densification;
@@ -614,14 +613,14 @@ impl Profile {
         LossWeights { normal: share * self.weights.normal, smoothness, metalness: 0.0, ..self.weights }
     }
 
-    /// Weight of the sparsity loss, in the form that this profile uses: of rendered coverage
-    /// (official) or of opacities.
+    /// Weight of the sparsity loss, in the form of this profile: of rendered coverage (official) or
+    /// of opacities.
     pub fn sparse_weight_mut(&mut self) -> &mut f32 {
         in_use(&mut self.weights.sparse_coverage, &mut self.weights.sparse)
     }
 
-    /// Weight of the normal residuals' magnitude, in the form that this profile uses: of the
-    /// rendered residuals (official) or of the attributes.
+    /// Weight of the normal residuals' magnitude, in the form of this profile: of the rendered
+    /// residuals (official) or of the attributes.
     pub fn residual_weight_mut(&mut self) -> &mut f32 {
         in_use(&mut self.weights.residual_image, &mut self.weights.residual)
     }
@@ -679,7 +678,7 @@ mod tests {
     }
 
     #[test]
-    fn a_profile_says_which_form_of_a_loss_it_uses() {
+    fn a_profile_selects_the_form_of_a_loss() {
         for name in NAMES {
             let mut profile = by_name(name, 1000).expect("a profile");
             *profile.sparse_weight_mut() = 0.5;
@@ -724,7 +723,7 @@ mod tests {
     }
 
     #[test]
-    fn rates_fall_from_the_start_where_exposures_are_learned() {
+    fn rates_decay_from_the_start_if_exposures_are_learned() {
         let profile = by_name("specula", 7000).expect("a profile").relightable();
         let exposing = profile.clone().exposing(7000);
         assert!(exposing.exposure.is_some() && exposing.cool_from == 1.0);
@@ -749,7 +748,7 @@ mod tests {
     }
 
     #[test]
-    fn surfaces_are_made_from_a_tenth_on_and_not_after_the_last_step() {
+    fn surfaces_are_built_from_a_tenth_on_and_not_after_the_last_step() {
         let due = |iterations: u32| {
             (0..=iterations).filter(|step| NearFieldSchedule::DEFAULT.is_due(*step, iterations)).collect::<Vec<_>>()
         };
@@ -758,7 +757,7 @@ mod tests {
     }
 
     #[test]
-    fn only_materials_reflect_the_scene_unless_view_dependent_colours_shall() {
+    fn only_materials_reflect_the_scene_by_default() {
         let profile = || by_name("specula", 1000).expect("a profile");
         let relightable = profile().relightable();
         assert!(relightable.near_field.is_some() && relightable.reflections == Reflections::Far);

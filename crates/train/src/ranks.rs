@@ -1,4 +1,4 @@
-//! Steps of a training that several ranks share, with the bits of a training on one.
+//! Steps of a training on several ranks, bit-identical to a training on one rank.
 //!
 //! ```text
 //! rank v mod R   gradient of view v, whole, as a single rank would compute it
@@ -10,9 +10,9 @@
 //! A rank owns a range of blocks of Gaussians, and the last rank owns the light. Only the owner
 //! holds Adam's moments and the statistics of densification; every rank holds all parameters. Each
 //! number is computed by one rank from the same inputs and in the same order as on one rank, so
-//! that results do not depend on how many there are. Densification, and whatever else needs all
-//! moments, runs on every rank alike after all were gathered; so do checkpoints, which are
-//! therefore the same for any number of ranks.
+//! results do not depend on the number of ranks. Densification, checkpoints and everything else
+//! that needs all moments runs on every rank after gathering them, so checkpoints are the same for
+//! any number of ranks.
 
 use crate::{
     batch::{Updates, apply, gradient_of},
@@ -106,7 +106,7 @@ impl Ranks {
         Ok(self.agree_unless(wish, "")? == Ok(true))
     }
 
-    /// Refuses ranks whose text differs from that of rank 0. `what` names it in the plural.
+    /// Rejects ranks with a text other than rank 0's. `what` is a plural noun for the error.
     pub(crate) fn check_alike(&mut self, what: &'static str, own: &[u8]) -> Result<(), ExchangeError> {
         let all = self.all_gather(own.to_vec())?;
         match all.iter().position(|text| *text != all[0]) {
@@ -115,8 +115,7 @@ impl Ranks {
         }
     }
 
-    /// Returns whether `wish` is true on any rank, unless one has to stop: then its sentence, or
-    /// that of the first of several.
+    /// First error of any rank, else whether `wish` is true on any rank.
     pub(crate) fn agree_unless(&mut self, wish: bool, sentence: &str) -> Result<Result<bool, String>, ExchangeError> {
         let mut own = vec![u8::from(wish)];
         own.extend_from_slice(sentence.as_bytes());
@@ -151,8 +150,8 @@ impl Ranks {
         Ok(reports)
     }
 
-    /// Computes the gradients of this rank's views, and sends the others the parts that they own.
-    /// Returns the numbers that this rank owns, and its reports.
+    /// Computes the gradients of this rank's views, and sends each rank its range. Returns this
+    /// rank's range, and its reports.
     fn compute_own<E: Executor>(
         &mut self,
         exec: &mut E,
@@ -179,7 +178,7 @@ impl Ranks {
     }
 
     /// Takes Adam's step for each view, in their order, with the numbers that this rank owns, of
-    /// `count` Gaussians in total. Returns how many numbers were skipped. `scene` has this rank's
+    /// `count` Gaussians in total. Returns the number of skipped numbers. `scene` has this rank's
     /// own Gaussians.
     fn apply_all<E: Executor>(
         &mut self,
@@ -224,8 +223,8 @@ impl Ranks {
         Ok(nonfinite)
     }
 
-    /// Gathers the parameters from their owners, and the reports of all views. `scene` has this
-    /// rank's own Gaussians before, and all of them after.
+    /// Gathers the parameters from their owners, and the reports of all views. Before the call
+    /// `scene` has this rank's Gaussians, after it all Gaussians.
     fn gather_parameters<E: Executor>(
         &mut self,
         exec: &mut E,
@@ -276,8 +275,8 @@ impl Ranks {
         Ok(())
     }
 
-    /// Gathers moments and statistics, so that every rank holds those of all Gaussians and of the
-    /// light. Refuses ranks whose parameters are not the same.
+    /// Gathers moments and statistics of all Gaussians and of the light on every rank. Rejects
+    /// ranks with different parameters.
     pub(crate) fn gather<E: Executor>(
         &mut self,
         exec: &mut E,
@@ -342,7 +341,7 @@ impl Ranks {
         Ok(())
     }
 
-    /// Refuses ranks whose Gaussians or light are not those of rank 0, bit by bit.
+    /// Rejects ranks with Gaussians or a light other than rank 0's, bit by bit.
     pub(crate) fn check_parameters<E: Executor>(
         &mut self,
         exec: &mut E,
@@ -385,7 +384,7 @@ impl Ranks {
     }
 }
 
-/// Gaussians, of `count`, that one of `size` ranks owns: whole blocks, but for the last one.
+/// Gaussians, of `count`, owned by one of `size` ranks: whole blocks, except the last one.
 fn range_of(count: usize, rank: usize, size: usize) -> Range<usize> {
     let blocks = count.div_ceil(BLOCK);
     let first = |rank: usize| (blocks * rank / size * BLOCK).min(count);
@@ -419,9 +418,9 @@ fn check_length(rank: usize, expected: usize, message: &[u8]) -> Result<(), Exch
 /// Gradient of a view in host memory.
 struct HostGradient {
     gaussians: Gaussians<Vec<f32>>,
-    /// Sums of lengths and numbers of views; empty where the step is not observed.
+    /// Sums of lengths and numbers of views; empty if the step is not observed.
     statistics: [Vec<f32>; 2],
-    /// Gradient of the light; empty where there is none.
+    /// Gradient of the light; empty if there is none.
     light: Vec<f32>,
 }
 
@@ -441,7 +440,7 @@ impl HostGradient {
         Ok(Self { gaussians, statistics, light })
     }
 
-    /// Numbers of a range of Gaussians, and those of the light if the range is of its owner.
+    /// Numbers of a range of Gaussians, and those of the light if the range belongs to its owner.
     fn part(&self, range: &Range<usize>, owns_light: bool) -> Vec<f32> {
         let mut part = self.gaussians.values[values_of(range, self.gaussians.layout)].to_vec();
         for statistics in self.statistics.iter().filter(|statistics| !statistics.is_empty()) {

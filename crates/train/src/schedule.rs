@@ -1,10 +1,10 @@
-//! Order in which a training visits its views. It depends only on the seed and the steps before, so
-//! that it is known ahead.
+//! Order in which a training visits its views. It depends only on the seed and the previous steps,
+//! so it is known in advance.
 
 use core::ops::Range;
 use specula_core::random;
 
-/// Views of a training, and what decides on their order.
+/// Views of a training, and the parameters of their order.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ViewSchedule {
     pub(crate) seed: u64,
@@ -15,15 +15,15 @@ pub(crate) struct ViewSchedule {
 }
 
 impl ViewSchedule {
-    /// Numbers of the visits of a step among all that the training makes, from 1.
+    /// Numbers of the visits of a step among all visits of the training, from 1.
     pub(crate) fn visits(&self, step: u32) -> Range<u64> {
         let per_step = u64::from(self.per_step);
         let first = u64::from(step - 1) * per_step + 1;
         first..first + per_step
     }
 
-    /// Views of a step, which are taken out of the views that remain of the current pass. Each pass
-    /// visits all views in random order.
+    /// Views of a step, taken from the remaining views of the current pass. Each pass visits all
+    /// views in random order.
     pub(crate) fn take(&self, order: &mut Vec<u32>, step: u32) -> Vec<usize> {
         self.visits(step).map(|visit| self.next(order, visit) as usize).collect()
     }

@@ -38,18 +38,18 @@ const CUBE_HALF: f32 = 1.3;
 const POINT_STREAM: u64 = 0x706f_696e;
 const NORMAL_STREAM: u64 = 0x6e6f_726d;
 
-/// Distance along an axis between the origin and what cameras look at, relative to half the edge of
-/// the cube, from which the cube is moved there. Objects of NeRF Synthetic are nearer.
+/// Distance along an axis between the origin and the cameras' point of interest, relative to half
+/// the edge of the cube, above which the cube is moved there. Objects of NeRF Synthetic are nearer.
 const OFF_CENTRE: f32 = 0.5;
 /// Camera extent of NeRF Synthetic ([`extent_of_cameras`]).
 const CUBE_EXTENT: f32 = 4.4;
 /// Camera extents that count as those of NeRF Synthetic.
 const USUAL_EXTENTS: core::ops::RangeInclusive<f32> = 1.0..=20.0;
 
-/// Pixels of a picture that show nothing: those with an alpha of zero that are known.
+/// Empty pixels of a picture: known pixels with an alpha of zero.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Silhouette {
-    /// One bit for each pixel, row by row, set where something may be.
+    /// One bit for each pixel, row by row, set unless the pixel is empty.
     bits: Vec<u8>,
 }
 
@@ -66,7 +66,7 @@ impl Silhouette {
         (shows_something && has_alpha(rgba)).then(|| Self { bits: rgba.chunks(4 * 8).map(byte).collect() })
     }
 
-    /// Silhouette of the bytes that another machine gave.
+    /// Silhouette from bytes of another machine.
     pub const fn from_bytes(bits: Vec<u8>) -> Self {
         Self { bits }
     }
@@ -84,8 +84,8 @@ impl Silhouette {
     }
 }
 
-/// Half the edge of the cube of random points: NeRF Synthetic's, scaled with the camera extent
-/// where that differs much.
+/// Half the edge of the cube of random points: NeRF Synthetic's, scaled with the camera extent if
+/// that differs much.
 fn half_cube(extent: f32) -> f32 {
     if USUAL_EXTENTS.contains(&extent) { CUBE_HALF } else { CUBE_HALF * extent / CUBE_EXTENT }
 }
@@ -140,7 +140,7 @@ pub fn thinned(points: Vec<Point>, count: usize) -> Vec<Point> {
     (0..count).map(|k| points[(k as u128 * all as u128 / count as u128) as usize]).collect()
 }
 
-/// Pixels of a picture that points behind a cloud are drawn through.
+/// Pixels of a picture for drawing points behind a cloud.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PixelSample {
     /// Red, green, blue and alpha of each, in the order of the points.
@@ -160,16 +160,16 @@ impl PixelSample {
     }
 }
 
-/// Place in a view, in pixels, that a point is drawn through.
+/// Position in a view, in pixels, for drawing a point.
 fn place_in(camera: &Camera, index: usize, seed: u64) -> [f32; 2] {
     let number = |axis: u64| random::uniform(seed, BEHIND_STREAM, 3 * index as u64 + axis);
     [number(0) * camera.width as f32, number(1) * camera.height as f32]
 }
 
-/// Points behind a cloud, where structure from motion finds few, as on plain walls. Each lies on
-/// the ray of a random opaque pixel and has its colour; its depth is one to four times the median
-/// depth of the cloud in that view, uniform in 1 / depth. Views alternate. Fewer than `count`
-/// points result where pixels are not opaque. `pixels` are the samples of the cameras' pictures.
+/// Points behind a cloud, where structure from motion finds few, such as on plain walls. Each lies
+/// on the ray of a random opaque pixel and has its colour; its depth is one to four times the
+/// median depth of the cloud in that view, uniform in 1 / depth. Views alternate. Returns fewer
+/// than `count` points if pixels are not opaque. `pixels` are the samples of the cameras' pictures.
 pub fn points_behind(
     points: &[Point],
     count: usize,
@@ -238,7 +238,7 @@ pub fn gaussians(points: &[Point], profile: &Profile, seed: u64) -> Gaussians<Ve
     gaussians
 }
 
-/// Points in Morton order, in which densification keeps their Gaussians.
+/// Points in Morton order, the order of Gaussians in densification.
 fn in_space(points: &[Point]) -> Vec<Point> {
     let bounds = points.iter().fold(Bounds::NOTHING, |bounds, point| bounds.with(point.position));
     let mut sorted = points.to_vec();
@@ -277,7 +277,7 @@ fn log_scales(points: &[Point]) -> Vec<f32> {
     let size = size_of(points);
     let square_min = SQUARE_MIN * if size > 0.0 { size.min(1.0).powi(2) } else { 1.0 };
     let square_min = square_min.max(f32::MIN_POSITIVE);
-    // A search among equal points would visit all of them, so that the tree has each place once.
+    // A search among equal points would visit all of them, so the tree has each position once.
     let (places, place_of) = distinct(points);
     let mut counts = vec![0_usize; places.len()];
     place_of.iter().for_each(|place| counts[*place] += 1);
@@ -297,12 +297,12 @@ fn log_scales(points: &[Point]) -> Vec<f32> {
     place_of.into_iter().map(|place| log_scales[place]).collect()
 }
 
-/// Places of points, each once, and the index of the place of every point.
+/// Distinct positions of points, and the index of every point's position.
 fn distinct(points: &[Point]) -> (Vec<[f32; 3]>, Vec<usize>) {
     let mut places = Vec::new();
     let mut known = HashMap::new();
     let place_of = points.iter().map(|point| {
-        // A sum with zero has one sign of zero.
+        // Adding zero makes zeros positive.
         let bits = point.position.map(|coordinate| (coordinate + 0.0).to_bits());
         *known.entry(bits).or_insert_with(|| {
             places.push(point.position);
@@ -417,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn points_behind_lie_in_their_picture_beyond_what_is_seen() {
+    fn background_points_lie_in_their_picture_behind_the_cloud() {
         let camera = Camera::look_at(Vec3::X * 5.0, Vec3::ZERO, Vec3::Z, 0.7, 40, 30);
         let half = |pixel: u32| if pixel % 40 < 20 { UNKNOWN } else { [255, 0, 51, 255] };
         let rgba: Vec<u8> = (0..40 * 30).flat_map(half).collect();

@@ -1,5 +1,5 @@
-//! Targets of a training on its executor: uploaded when their turn comes, and kept by a device
-//! where all of them fit into memory.
+//! Targets of a training on its executor: uploaded at their turns, and kept on a device if all of
+//! them fit into memory.
 
 use crate::{
     error::TrainError,
@@ -8,7 +8,7 @@ use crate::{
 use specula_core::executor::Executor;
 use std::collections::{HashMap, HashSet};
 
-/// Uploaded pictures, and those that they come from.
+/// Uploaded pictures, and their sources.
 #[derive(Debug)]
 pub(crate) struct Targets<T> {
     pictures: Box<dyn Pictures>,
@@ -22,7 +22,7 @@ impl<T> Targets<T> {
         Self { pictures, uploaded: HashMap::new(), has_halved: false }
     }
 
-    /// Announces the next turns, of pictures that are not uploaded.
+    /// Announces the next turns of pictures that are not uploaded.
     pub(crate) fn expect<'a, E: Executor<Target = T>>(&mut self, turns: impl IntoIterator<Item = &'a Turn>) {
         let is_kept = E::IS_DEVICE && self.pictures.are_kept_by_viewer();
         let mut seen = HashSet::new();
@@ -36,7 +36,7 @@ impl<T> Targets<T> {
     ///
     /// # Errors
     ///
-    /// [`TrainError::Picture`] or [`TrainError::Executor`]; the pictures may be asked for again.
+    /// [`TrainError::Picture`] or [`TrainError::Executor`]; the call may be repeated.
     pub(crate) fn prepare<E: Executor<Target = T>>(
         &mut self,
         exec: &mut E,
@@ -72,7 +72,7 @@ impl<T> Targets<T> {
         Ok(())
     }
 
-    /// Target of a picture that was prepared.
+    /// Target of a prepared picture.
     pub(crate) fn of(&self, picture: PictureKey) -> &T {
         self.uploaded.get(&picture).expect("the pictures of a step are prepared")
     }

@@ -35,20 +35,19 @@ use specula_core::{
 use specula_mesh::sky::Sky;
 use std::collections::VecDeque;
 
-/// Tint logit of Gaussians without specular reflection. σ(−64) = 1.6e-28 vanishes beside any
-/// colour, and gradients of that scale beside Adam's ε of 1e-15, so that neither the tint nor the
-/// light moves.
+/// Tint logit of Gaussians without specular reflection. σ(−64) = 1.6e-28 is negligible against any
+/// colour, and gradients of that scale against Adam's ε of 1e-15, so neither the tint nor the light
+/// moves.
 pub const TINT_LOGIT_OFF: f32 = -64.0;
 
-/// Iterations between two scalings of a light whose mean is known: few enough that it drifts by a
-/// few per cent at most, even at the rates of the start.
+/// Iterations between two scalings of a light of known mean: few enough that it drifts by at most a
+/// few per cent, even at the initial rates.
 const LIGHT_SCALE_EVERY: u32 = 10;
 
 /// Intervals of densification between two removals of invisible Gaussians after its end.
 const INVISIBLE_EVERY: u32 = 10;
 
-/// Turns of pictures that are known ahead at most: those of some passes, or of a part of a long
-/// one.
+/// Maximum number of announced turns: those of a few passes, or of part of a long one.
 const AHEAD_MAX: usize = 2048;
 
 /// Settings of a training.
@@ -62,11 +61,11 @@ pub struct Settings {
     pub seed: u64,
     /// Background colour in sRGB.
     pub background: [f32; 3],
-    /// Number of random points, where no points are given.
+    /// Number of random points if no points are given.
     pub random_points: usize,
 }
 
-/// Settings that all views of a step share.
+/// Settings of all views of a step.
 struct Pass {
     rules: RenderRules,
     weights: LossWeights,
@@ -77,7 +76,7 @@ struct Pass {
     is_observed: bool,
 }
 
-/// Views of the next step, whose targets are uploaded.
+/// Views of the next step, with uploaded targets.
 #[derive(Debug)]
 struct Prepared {
     views: Vec<usize>,
@@ -85,11 +84,11 @@ struct Prepared {
     order: Vec<u32>,
 }
 
-/// Turns of this rank's pictures after those that are uploaded.
+/// Turns of this rank's pictures after the uploaded ones.
 #[derive(Debug)]
 struct Ahead {
     turns: VecDeque<Turn>,
-    /// Next step that is not among them, and the remaining views of the pass before it.
+    /// First step after these turns, and the remaining views of the pass before it.
     step: u32,
     order: Vec<u32>,
 }
@@ -118,9 +117,8 @@ impl<E: Executor> Trainer<E> {
     ///
     /// # Errors
     ///
-    /// [`TrainError::NoViews`], [`TrainError::NoPoints`], [`TrainError::Picture`] where random
-    /// points need one that cannot be shown, or [`TrainError::Executor`] where data cannot be
-    /// uploaded.
+    /// [`TrainError::NoViews`], [`TrainError::NoPoints`], [`TrainError::Picture`] if random points
+    /// need one that cannot be decoded, or [`TrainError::Executor`] if data cannot be uploaded.
     pub fn new(
         exec: E,
         settings: Settings,
@@ -158,7 +156,7 @@ impl<E: Executor> Trainer<E> {
     /// # Errors
     ///
     /// [`TrainError::NoViews`], [`TrainError::OtherRun`] for a state of other settings or views, or
-    /// [`TrainError::Executor`] where data cannot be uploaded.
+    /// [`TrainError::Executor`] if data cannot be uploaded.
     pub fn resume(
         exec: E,
         settings: Settings,
@@ -210,15 +208,15 @@ impl<E: Executor> Trainer<E> {
         })
     }
 
-    /// Shares the training with other ranks, which were started or resumed alike and join at the
-    /// same step. From now on all of them take the same steps and snapshots. The result is the same
-    /// to the last bit on any number of ranks with the same kind of executor. `description`
-    /// identifies data that a trainer does not hold, such as a checksum of the pictures.
+    /// Shares the training with other ranks that were started or resumed with the same settings and
+    /// join at the same step. Then all of them take the same steps and snapshots. The result is the
+    /// same to the last bit on any number of ranks with the same kind of executor. `description`
+    /// identifies data outside of the trainer, such as a checksum of the pictures.
     ///
     /// # Errors
     ///
-    /// [`TrainError::Exchange`] where a rank is gone or differs, [`TrainError::Executor`] where
-    /// arrays cannot be read back.
+    /// [`TrainError::Exchange`] if a rank is gone or differs, [`TrainError::Executor`] if arrays
+    /// cannot be read back.
     pub fn join(&mut self, exchange: Box<dyn Exchange>, description: &str) -> Result<(), TrainError<E::Error>> {
         let mut ranks = Ranks::new(exchange);
         let start = format!("{:?} {} {description}", self.settings, self.state.iteration);
@@ -231,13 +229,13 @@ impl<E: Executor> Trainer<E> {
     }
 
     /// Uploads the pictures of the next step, and returns whether `wish` is true on any rank, such
-    /// as a request to stop. All ranks call it at once.
+    /// as a request to stop. All ranks must call it.
     ///
     /// # Errors
     ///
-    /// [`TrainError::Picture`] on all ranks, where one cannot be shown to one of them: the training
-    /// is where it was, and can be saved. [`TrainError::Executor`] where one cannot be uploaded,
-    /// [`TrainError::Exchange`] where a rank is gone.
+    /// [`TrainError::Picture`] on all ranks if one of them cannot decode a picture: the training is
+    /// unchanged and can be saved. [`TrainError::Executor`] if a picture cannot be uploaded,
+    /// [`TrainError::Exchange`] if a rank is gone.
     pub fn prepare(&mut self, wish: bool) -> Result<bool, TrainError<E::Error>> {
         let prepared = if self.is_finished() { Ok(()) } else { self.prepare_own() };
         let sentence = match prepared {
@@ -265,7 +263,7 @@ impl<E: Executor> Trainer<E> {
         Ok(())
     }
 
-    /// Announces turns of pictures ahead, once half of those that were known are over.
+    /// Announces further turns of pictures, after half of the announced ones.
     fn look_ahead(&mut self) {
         let step = self.state.iteration + 1;
         let mut ahead = self.ahead.take().unwrap_or_else(|| Ahead {
@@ -294,7 +292,7 @@ impl<E: Executor> Trainer<E> {
         ViewSchedule { seed: *seed, views: self.cameras[0].len(), per_step: profile.views_per_step }
     }
 
-    /// Turns of the pictures in a step with these views whose gradients this rank computes.
+    /// Turns of this rank's pictures in a step with these views.
     fn own_turns(&self, step: u32, views: &[usize]) -> Vec<Turn> {
         let (rank, size) = self.ranks.as_ref().map_or((0, 1), |ranks| (ranks.rank(), ranks.size()));
         let visits = self.schedule().visits(step).zip(views).skip(rank).step_by(size);
@@ -307,12 +305,12 @@ impl<E: Executor> Trainer<E> {
         PictureKey { view, is_halved: is_coarse && !self.cameras[1].is_empty() }
     }
 
-    /// Returns whether `wish` is true on any rank, such as a request to stop. All ranks call it at
-    /// once.
+    /// Returns whether `wish` is true on any rank, such as a request to stop. All ranks must call
+    /// it.
     ///
     /// # Errors
     ///
-    /// [`TrainError::Exchange`], where a rank is gone.
+    /// [`TrainError::Exchange`] if a rank is gone.
     pub fn agree(&mut self, wish: bool) -> Result<bool, TrainError<E::Error>> {
         self.ranks.as_mut().map_or(Ok(wish), |ranks| ranks.agree(wish).map_err(TrainError::Exchange))
     }
@@ -322,12 +320,12 @@ impl<E: Executor> Trainer<E> {
         self.ranks.as_ref().map(Ranks::traffic)
     }
 
-    /// Copies the state of the training to the host. All ranks do so at once.
+    /// Copies the state of the training to the host. All ranks must call it.
     ///
     /// # Errors
     ///
-    /// [`TrainError::Executor`], where arrays cannot be read back; [`TrainError::Exchange`], where
-    /// a rank is gone.
+    /// [`TrainError::Executor`] if arrays cannot be read back; [`TrainError::Exchange`] if a rank
+    /// is gone.
     pub fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, TrainError<E::Error>> {
         self.gather()?;
         let scene = download_scene(&mut self.exec, &self.state.scene)?;
@@ -349,8 +347,8 @@ impl<E: Executor> Trainer<E> {
     ///
     /// # Errors
     ///
-    /// [`TrainError::Picture`], where one cannot be shown: the training is where it was.
-    /// [`TrainError::Executor`], where a stage fails.
+    /// [`TrainError::Picture`] if one cannot be decoded: the training is unchanged.
+    /// [`TrainError::Executor`] if a stage fails.
     pub fn step(&mut self) -> Result<(StepReport, DensifyReport), TrainError<E::Error>> {
         self.prepare_own()?;
         let Prepared { views, order } = self.prepared.take().expect("the views of the step are prepared");
@@ -431,7 +429,7 @@ impl<E: Executor> Trainer<E> {
         self.ranks.as_mut().map_or(Ok(()), gather)
     }
 
-    /// Gives back the moments and statistics of other ranks.
+    /// Drops the moments and statistics of other ranks.
     fn keep_own(&mut self) -> Result<(), TrainError<E::Error>> {
         match &self.ranks {
             Some(ranks) => Ok(ranks.keep_own(&mut self.exec, &mut self.state.scene)?),
@@ -482,7 +480,7 @@ impl<E: Executor> Trainer<E> {
         iteration as f32 / self.settings.iterations.max(1) as f32
     }
 
-    /// Densifies and resets by the schedule; where anything is due, with all moments on every rank.
+    /// Densifies and resets by the schedule; if anything is due, with all moments on every rank.
     fn refine(&mut self) -> Result<DensifyReport, TrainError<E::Error>> {
         let plan = self.settings.profile.densification;
         let k = self.state.iteration;
@@ -512,14 +510,14 @@ impl<E: Executor> Trainer<E> {
         if k.is_multiple_of(plan.every) || k == self.settings.iterations {
             self.disable_background_specular()?;
         }
-        // The last parameters are fitted to filters that stay, as Mip-Splatting's.
+        // The last parameters are fitted to fixed filters, as in Mip-Splatting.
         if k.is_multiple_of(plan.every) && k + plan.every <= self.settings.iterations {
             self.sample()?;
         }
         Ok(report)
     }
 
-    /// Fuses the surface of the scene, as its views show it, into a near field if one is due.
+    /// Fuses the views of the scene into a near field if one is due.
     fn renew_near_field(&mut self) -> Result<(), TrainError<E::Error>> {
         let Settings { iterations, ref profile, .. } = self.settings;
         let iteration = self.state.iteration;
@@ -554,7 +552,7 @@ impl<E: Executor> Trainer<E> {
         Ok(())
     }
 
-    /// Sets the filters in space of Gaussians that have one, from the views at full size.
+    /// Sets the 3D filters of Gaussians that have one, from the views at full size.
     fn sample(&mut self) -> Result<(), TrainError<E::Error>> {
         if self.settings.profile.layout.is_smoothed {
             self.exec.sampling(&mut self.state.scene.gaussians, &self.cameras[0])?;
@@ -562,8 +560,7 @@ impl<E: Executor> Trainer<E> {
         Ok(())
     }
 
-    /// Scales a light to its mean radiance, where that is known. Materials follow in the next
-    /// steps.
+    /// Scales a light to its mean radiance, if that is known. Materials adapt in the next steps.
     fn scale_light(&mut self) -> Result<(), TrainError<E::Error>> {
         if let (Some(mean), Some((light, _))) = (self.settings.profile.light_mean, &mut self.state.scene.light) {
             let mut scaled = download_light(&mut self.exec, light)?;
@@ -573,8 +570,8 @@ impl<E: Executor> Trainer<E> {
         Ok(())
     }
 
-    /// Mean radiance of the light over all directions and colours, where the loss on metalness
-    /// reads it; else 0.
+    /// Mean radiance of the light over all directions and colours, if the loss on metalness needs
+    /// it; else 0.
     fn mean_light(&mut self) -> Result<f32, TrainError<E::Error>> {
         let is_read = self.settings.profile.weights.metalness != 0.0;
         let Some((light, _)) = self.state.scene.light.as_ref().filter(|_| is_read) else { return Ok(0.0) };
@@ -635,7 +632,7 @@ impl<E: Executor> Trainer<E> {
     ///
     /// # Errors
     ///
-    /// [`TrainError::Executor`], where arrays cannot be read back.
+    /// [`TrainError::Executor`] if arrays cannot be read back.
     pub fn download(&mut self) -> Result<HostScene, TrainError<E::Error>> {
         let SceneState { gaussians, light, .. } = &self.state.scene;
         let gaussians = download_gaussians(&mut self.exec, gaussians)?;
@@ -693,9 +690,9 @@ fn check_state(state: &TrainingState<Vec<f32>>, settings: &Settings, view_count:
         (values.len() == len_of_values(*count, *layout), "numbers of Gaussians are missing"),
         (has_moments(moments, values.len()), "moments of Gaussians are missing"),
         ([grad_sum.len(), seen.len()] == [*count; 2], "statistics of Gaussians are missing"),
-        (is_light, "the light is another"),
+        (is_light, "the light is different"),
         (state.near_field.is_none() || profile.near_field.is_some(), "there is a surface for reflections"),
-        (are_exposures, "the exposures are of other photographs"),
+        (are_exposures, "the exposures belong to other photographs"),
         (state.order.iter().all(|view| (*view as usize) < view_count), "there are fewer views"),
     ];
     checks.into_iter().find(|(fits, _)| !fits).map_or(Ok(()), |(_, what)| Err(what))
@@ -717,7 +714,7 @@ pub struct HostScene {
 }
 
 /// Thresholds by which Gaussians are refined and removed after an iteration; `None` if nothing is
-/// due. After the end of densification they only remove Gaussians that no picture shows.
+/// due. After the end of densification they only remove invisible Gaussians.
 fn densify_rules(plan: &Densification, iteration: u32, iterations: u32, extent: f32) -> Option<DensifyRules> {
     if iteration > plan.from && iteration < plan.until && iteration.is_multiple_of(plan.every) {
         let was_reset = plan.reset_every > 0 && iteration > plan.reset_every;
@@ -770,7 +767,7 @@ mod tests {
     use crate::profile::by_name;
 
     #[test]
-    fn invisible_gaussians_are_removed_now_and_then_once_densification_has_ended() {
+    fn invisible_gaussians_are_removed_after_densification_has_ended() {
         let plan = by_name("specula", 7000).expect("a profile").densification;
         let rules = |iteration| densify_rules(&plan, iteration, 7000, 2.0);
         let removals: Vec<u32> = (1..=7000).filter(|k| rules(*k) == Some(DensifyRules::INVISIBLE)).collect();

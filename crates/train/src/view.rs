@@ -35,8 +35,8 @@ impl View {
     }
 
     /// Downscales the view by two: means over 2 × 2 pixels, weighted by alpha, without a last odd
-    /// row or column. A pixel is unknown where more than two of the four are; fewer have no weight.
-    /// Normals are dropped.
+    /// row or column. A pixel is unknown if more than two of the four are; fewer unknown ones have
+    /// no weight. Normals are dropped.
     pub fn halved(&self) -> Self {
         let [width, height] = [self.camera.width as usize / 2, self.camera.height as usize / 2];
         let row_len = self.camera.width as usize;
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_pixels_have_no_share_in_a_smaller_view() {
+    fn unknown_pixels_have_no_weight_in_a_halved_view() {
         let (color, other) = ([200, 100, 50, 255], [100, 50, 0, 255]);
         let halved = view(4, &[color, UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN, other, UNKNOWN, other]).halved();
         assert_eq!(halved.rgba, [[150, 75, 25, 255], UNKNOWN].concat());
@@ -123,6 +123,6 @@ mod tests {
         let torn = view(2, &[[9; 4], UNKNOWN, [0; 4], [255; 4]]);
         assert_eq!(torn.known(), Some(vec![true, false, true, true]));
         assert_eq!(view(1, &[[9; 4]]).known(), None);
-        assert!(!view(2, &[[255; 4], UNKNOWN]).has_alpha(), "what is unknown is not transparent");
+        assert!(!view(2, &[[255; 4], UNKNOWN]).has_alpha(), "unknown pixels are not transparent");
     }
 }

@@ -13,13 +13,13 @@ use tokio::{
     time::timeout,
 };
 
-/// Least and largest limit of connections, whatever the number of descriptors.
+/// Smallest and largest limit of connections, for any number of descriptors.
 const LIMITS: [usize; 2] = [4, 256];
 /// Free descriptors for each connection.
 const DESCRIPTORS_PER_CONNECTION: usize = 4;
 /// Connections for each connection of one peer.
 const CONNECTIONS_PER_PEER_CONNECTION: usize = 2;
-/// Longest time between two requests of a connection, and for reading a response.
+/// Maximum time between two requests of a connection, and for reading a response.
 const IDLE_MAX: Duration = Duration::from_secs(120);
 /// Interval of attempts to evict a connection while none is idle.
 const EVICTION_INTERVAL: Duration = Duration::from_millis(100);
@@ -44,7 +44,7 @@ struct Table {
 #[derive(Debug)]
 struct Connection {
     peer: IpAddr,
-    /// Time of the last response; none while a request is processed.
+    /// Time of the last response; `None` while a request is processed.
     idle_since: Option<Instant>,
     /// Whether one of its requests was authorised.
     is_authorised: bool,
@@ -70,9 +70,9 @@ impl Connections {
         Self { permits, per_peer: (count / CONNECTIONS_PER_PEER_CONNECTION).max(1), table: Mutex::default() }
     }
 
-    /// Acquires a slot for a connection of a peer. Without a free slot, an idle connection is
-    /// closed; while none is idle, this waits. None where the peer has reached its limit and
-    /// requests are processed on all of its connections.
+    /// Acquires a slot for a connection of a peer. Without a free slot, closes an idle connection,
+    /// or waits for one. Returns `None` if the peer has reached its limit and all of its
+    /// connections are processing requests.
     pub(crate) async fn acquire(self: &Arc<Self>, peer: IpAddr) -> Option<Slot> {
         let peer = peer.to_canonical();
         if self.count_of(peer) >= self.per_peer {
@@ -107,8 +107,8 @@ impl Connections {
     }
 
     /// Closes one idle connection among those that `may` accepts: first those without an authorised
-    /// request, among these one of the peer with most connections, among these the longest idle.
-    /// Returns whether one was closed.
+    /// request, then of the peer with most connections, then the longest idle. Returns true if one
+    /// was closed.
     fn close_idlest(&self, may: impl Fn(&Connection) -> bool) -> bool {
         let mut table = self.lock();
         let mut counts: HashMap<IpAddr, usize> = HashMap::new();
@@ -179,7 +179,7 @@ fn limit_for(free_descriptors: Option<usize>) -> usize {
     free_descriptors.map_or(most, |free| (free / DESCRIPTORS_PER_CONNECTION).clamp(least, most))
 }
 
-/// File descriptors that the process may still open; none where the system sets no limit.
+/// File descriptors that the process may still open; none if the system sets no limit.
 #[cfg(unix)]
 fn free_descriptors() -> Option<usize> {
     use rustix::process::{Resource, getrlimit};
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn the_oldest_idle_connection_makes_room_and_known_ones_stay_longest() {
+    fn the_oldest_idle_connection_is_evicted_and_authorised_ones_last() {
         runtime().block_on(async {
             let connections = Arc::new(Connections::at_most(4));
             for (peer, authorised) in [(NEAR, true), (FAR, false), (FAR, false), (NEAR, false)] {
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn a_peer_has_no_more_than_its_share_and_takes_nothing_from_others() {
+    fn a_peer_has_a_limited_share_of_connections() {
         runtime().block_on(async {
             let connections = Arc::new(Connections::at_most(8));
             connect(&connections, FAR, Some(false)).await.unwrap();
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn most_descriptors_are_in_reserve() {
+    fn most_descriptors_are_reserved() {
         let connections = Connections::new().permits.available_permits();
         assert!((LIMITS[0]..=LIMITS[1]).contains(&connections), "{connections}");
         assert!(free_descriptors().is_none_or(|free| connections <= (free / 2).max(LIMITS[0])), "{connections}");

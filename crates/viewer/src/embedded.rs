@@ -1,4 +1,4 @@
-//! Viewer without a server: requests are answered within a program, which renders the pictures.
+//! Viewer without a server: it answers requests within a program that renders the pictures.
 
 use crate::{
     SetupEnvironment, ViewerError,
@@ -22,7 +22,7 @@ use specula_io::{Input, picture::RgbImage};
 use specula_scene::{Layer, Scene, SceneError, SceneRenderer, light_file::MapUp};
 use std::sync::Arc;
 
-/// Viewer whose program renders the pictures that requests ask for, as a page in a browser does.
+/// Viewer within a program that renders the requested pictures, such as a page in a browser.
 ///
 /// Requests are query strings of the page. [`EmbeddedViewer::plan`] describes a picture, and
 /// [`EmbeddedViewer::finish`] is given its channels.
@@ -52,7 +52,7 @@ impl PlannedFrame {
         self.planned.slot
     }
 
-    /// Whether its colours and transmittance are enough, without other channels.
+    /// True if colours and transmittance suffice, without other channels.
     pub fn shows_colors(&self) -> bool {
         self.request.content == Content::Layer(Layer::Rgb)
     }
@@ -66,16 +66,16 @@ impl PlannedFrame {
 /// Picture of a request.
 #[derive(Clone, Debug)]
 pub struct ShownFrame {
-    /// Layer that was asked for, sRGB.
+    /// Requested layer, sRGB.
     pub picture: RgbImage,
-    /// Name of the view of the data set that it shows.
+    /// Name of the view of the data set.
     pub view: Option<String>,
-    /// Point of the scene, where one was asked for and is there.
+    /// Point of the scene, if one was requested and exists.
     pub point: Option<[f32; 3]>,
 }
 
 impl EmbeddedViewer {
-    /// Viewer of a scene that `load` puts on a renderer.
+    /// Viewer of a scene on the renderer that `load` returns.
     ///
     /// # Errors
     ///
@@ -95,21 +95,21 @@ impl EmbeddedViewer {
         self.lights.add_cube(cube, name, up).id
     }
 
-    /// Lets the page start with a light that was added.
+    /// Makes an added light the first one of the page.
     pub fn start_under(&mut self, id: u32) {
         self.setup.environment = SetupEnvironment::Added(id);
     }
 
-    /// Description of the scene and its lights, as the page reads it.
+    /// Description of the scene and its lights for the page.
     pub fn description(&self) -> Value {
         described(&self.description, &self.lights, &self.setup)
     }
 
-    /// Plans the picture of a request, and puts its light on the renderer.
+    /// Plans the picture of a request, and uploads its light to the renderer.
     ///
     /// # Errors
     ///
-    /// A request that cannot be, and those of the renderer.
+    /// Invalid requests, and errors of the renderer.
     pub fn plan(&mut self, query: &str) -> Result<PlannedFrame, ViewerError> {
         let uri = uri_of(query)?;
         let asks_for_point = uri.query().is_some_and(|query| query.split('&').any(|pair| pair.starts_with("at=")));
@@ -119,23 +119,23 @@ impl EmbeddedViewer {
         Ok(PlannedFrame { request, planned })
     }
 
-    /// Picture of its channels, plane by plane, as [`specula_scene::SceneRenderer::render`] has
-    /// them, or of its colours and transmittance alone.
+    /// Picture from its channels, plane by plane, in the order of
+    /// [`specula_scene::SceneRenderer::render`], or from only its colours and transmittance.
     ///
     /// # Errors
     ///
-    /// A light that was replaced meanwhile.
+    /// A light that has been replaced.
     pub fn finish(&mut self, frame: &PlannedFrame, image: &Image<Vec<f32>>) -> Result<ShownFrame, ViewerError> {
         let frame = self.worker.finish(&frame.request, &frame.planned, image)?;
         Ok(ShownFrame { picture: frame.picture, view: frame.view, point: frame.point })
     }
 
-    /// Adds a lat-long map from the contents of a file, which a query names. Returns its label with
-    /// warnings, as the page reads them.
+    /// Adds a lat-long map from the contents of a file with the name in a query. Returns its label
+    /// with warnings, for the page.
     ///
     /// # Errors
     ///
-    /// Contents that are no light, or more than are read.
+    /// Contents that are not a light, or too large.
     pub fn add_light(&self, text: &str, bytes: &[u8]) -> Result<Value, ViewerError> {
         if self.description["shaded"] != true {
             return Err(ViewerError::Request(
@@ -156,14 +156,14 @@ impl EmbeddedViewer {
         Ok(answer)
     }
 
-    /// Preview of the light that a query names, as a JPEG.
+    /// JPEG preview of the light in a query.
     ///
     /// # Errors
     ///
-    /// A light that is not there.
+    /// A light that does not exist.
     pub fn preview(&self, text: &str) -> Result<Vec<u8>, ViewerError> {
         let setting: LightSetting = query(&uri_of(text)?).map_err(refused)?;
-        self.lights.preview(setting).ok_or_else(|| ViewerError::Request("there is no such light".to_owned()))
+        self.lights.preview(setting).ok_or_else(|| ViewerError::Request("no light with this number".to_owned()))
     }
 }
 
@@ -172,5 +172,7 @@ fn refused(error: HttpError) -> ViewerError {
 }
 
 fn uri_of(query: &str) -> Result<Uri, ViewerError> {
-    format!("/?{query}").parse().map_err(|error| ViewerError::Request(format!("{query:?} is no query: {error}")))
+    format!("/?{query}")
+        .parse()
+        .map_err(|error| ViewerError::Request(format!("{query:?} is not a valid query: {error}")))
 }

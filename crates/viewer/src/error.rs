@@ -6,25 +6,25 @@ use specula_scene::SceneError;
 #[cfg(feature = "server")]
 use std::io;
 
-/// Error of a viewer that is started, or of a light that is added to it.
+/// Error of starting a viewer, or of adding a light to it.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewerError {
     /// The address cannot be bound.
     #[cfg(feature = "server")]
-    #[error("cannot listen at {address}: {cause}; choose another address or port, or port 0 for any")]
+    #[error("cannot listen at {address}: {cause}; use another address or port, or port 0 for any")]
     Listen {
         /// Requested address.
         address: SocketAddr,
         /// Error of the system.
         cause: io::Error,
     },
-    /// The clock stands before the first date of HTTP.
+    /// The clock is before 1970, the first date of HTTP.
     #[cfg(feature = "server")]
-    #[error("the clock of this machine stands before 1970, and a page has a date; set the clock")]
+    #[error("the clock of this machine is before 1970; set the clock")]
     Clock,
-    /// The system gives no random numbers for an access token.
+    /// The system has no random numbers for an access token.
     #[cfg(feature = "server")]
-    #[error("the system gives no random numbers for an access token ({0})")]
+    #[error("the system has no random numbers for an access token ({0})")]
     Random(getrandom::Error),
     /// The runtime of the server cannot be started.
     #[cfg(feature = "server")]
@@ -41,7 +41,7 @@ pub enum ViewerError {
     /// The scene cannot be rendered, or a file cannot be read.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// A request names something that the scene lacks.
+    /// A request for something that the scene does not have.
     #[error("{0}")]
     Request(String),
 }

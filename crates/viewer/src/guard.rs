@@ -1,8 +1,8 @@
 //! Access control: host and origin checks for loopback servers, a token for all others.
 //!
-//! On the loopback device only its own host names are answered, and only the origin of the page.
-//! Elsewhere a token is required; it follows the `#` of the address, appears in no log, and stays
-//! in the tab. No settings file opens a port.
+//! On the loopback interface, only requests to its host names and from the page's own origin are
+//! answered. Elsewhere a token is required; it follows the `#` of the address, appears in no log,
+//! and stays in the tab. No settings file opens a port.
 
 use crate::ViewerError;
 use axum::http::{
@@ -16,7 +16,7 @@ use subtle::ConstantTimeEq;
 const TOKEN_HEADER: &str = "x-specula-token";
 /// Header in which browsers state the relation of the requesting site to this one.
 const FETCH_SITE: &str = "sec-fetch-site";
-/// Accepted relations: requests of the page itself, and of an address that was typed.
+/// Accepted relations: requests of the page itself, and of typed addresses.
 const ACCEPTED_SITES: [&[u8]; 2] = [b"same-origin", b"none"];
 /// Random bytes of a generated token.
 const TOKEN_LEN: usize = 16;
@@ -24,7 +24,7 @@ const TOKEN_LEN: usize = 16;
 /// Reason why a request is denied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Denied {
-    /// The host is no name of the loopback interface, as in an attack by DNS rebinding.
+    /// The host is not a name of the loopback interface, as in a DNS rebinding attack.
     Host,
     /// The request comes from another site.
     Origin,
@@ -36,17 +36,17 @@ impl Denied {
     /// Message for the client.
     pub(crate) fn message(self) -> &'static str {
         match self {
-            Self::Host => "this page is served to localhost alone; open it as http://localhost:PORT/",
+            Self::Host => "this page is served only to localhost; open it as http://localhost:PORT/",
             Self::Origin => "requests from other sites are denied",
             Self::Token => "the token is missing or wrong; open the whole address that was printed",
         }
     }
 }
 
-/// Conditions that requests have to meet.
+/// Conditions that requests must meet.
 #[derive(Clone, Debug)]
 pub(crate) struct Guard {
-    /// Token of all requests but those for files of the page; none on the loopback interface.
+    /// Token of all requests except those for files of the page; `None` on the loopback interface.
     token: Option<String>,
 }
 
@@ -67,8 +67,8 @@ impl Guard {
         self.token.as_deref()
     }
 
-    /// Checks the headers of a request. `is_page` is true for files of the page, which hold nothing
-    /// of the scene and need no token.
+    /// Checks the headers of a request. `is_page` is true for files of the page, which contain
+    /// nothing of the scene and need no token.
     pub(crate) fn check(&self, headers: &HeaderMap, is_page: bool) -> Result<(), Denied> {
         let host = text(headers, header::HOST.as_str()).and_then(authority);
         if self.token.is_none() && !host.as_ref().is_some_and(is_loopback) {
@@ -96,7 +96,7 @@ fn text<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
     headers.get(name)?.to_str().ok()
 }
 
-/// Parses a host with an optional port; none where the text holds anything else.
+/// Parses a host with an optional port; `None` for other text.
 fn authority(text: &str) -> Option<Authority> {
     let authority: Authority = text.parse().ok()?;
     let rest = text.strip_prefix(authority.host())?;
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn this_machine_is_known_by_its_own_names_alone() {
+    fn only_names_of_the_loopback_interface_are_accepted() {
         let guard = Guard::new(LOOPBACK, None).unwrap();
         for host in ["localhost", "localhost:7008", "LOCALHOST:1", "127.0.0.1:7008", "[::1]:7008", "127.1.2.3"] {
             assert_eq!(guard.check(&headers(&[("host", host)]), false), Ok(()), "{host}");
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn other_sites_may_not_ask() {
+    fn requests_from_other_sites_are_denied() {
         let guard = Guard::new(LOOPBACK, None).unwrap();
         let from = |origin| headers(&[("host", "localhost:7008"), ("origin", origin)]);
         assert_eq!(guard.check(&from("http://localhost:7008"), false), Ok(()));
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn from_elsewhere_a_token_is_needed() {
+    fn other_addresses_need_a_token() {
         let guard = Guard::new(ANYWHERE, None).unwrap();
         let token = guard.token().unwrap().to_owned();
         assert_eq!(token.len(), 2 * TOKEN_LEN);

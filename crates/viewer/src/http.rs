@@ -11,10 +11,10 @@ use serde_json::Value;
 use specula_cpu::CpuError;
 use specula_scene::SceneError;
 
-/// Delay in seconds after which clients repeat a request that found the server busy.
+/// Delay in seconds before clients repeat a request to a busy server.
 const RETRY_AFTER: HeaderValue = HeaderValue::from_static("1");
 
-/// Response to a request that failed: a status and a message in one sentence.
+/// Response to a failed request: a status and a message in one sentence.
 #[derive(Debug)]
 pub(crate) struct HttpError {
     status: StatusCode,
@@ -36,7 +36,7 @@ impl HttpError {
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string())
     }
 
-    /// 503 Service Unavailable, with the delay after which clients try again.
+    /// 503 Service Unavailable, with the delay before clients try again.
     pub(crate) fn busy(message: impl Into<String>) -> Self {
         Self::new(StatusCode::SERVICE_UNAVAILABLE, message)
     }

@@ -1,14 +1,14 @@
 //! Viewer of scenes in a browser: an HTTP server that renders pictures on request, and its page.
 //!
-//! A thread owns the scene on its executor and renders one picture after another; the server hands
-//! them to any number of clients. A request describes its picture in full, so that clients do not
-//! disturb each other, and a client requests no picture before it has received the last one, so
-//! that the rate adapts to the link. The page is a few modules of plain JavaScript that load
-//! nothing from elsewhere.
+//! A thread owns the scene on its executor and renders one picture after another; the server sends
+//! them to any number of clients. A request describes its picture in full, so clients do not
+//! disturb each other, and a client requests the next picture after it has received the last one,
+//! so the rate adapts to the link. The page is a few modules of plain JavaScript that load nothing
+//! from elsewhere.
 //!
-//! On the loopback interface, requests need a host that is a name of it and an origin that is the
-//! page's own; on other addresses they need an access token. Connections, headers, bodies, times
-//! and memory are bounded.
+//! On the loopback interface, requests need one of its host names and the page's own origin; on
+//! other addresses they need an access token. Connections, headers, bodies, times and memory are
+//! bounded.
 //!
 //! ```no_run
 //! use specula_scene::OpenedModel;
@@ -23,15 +23,15 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 //!
-//! A training is watched by way of a [`LiveTraining`], which both sides share.
+//! A training is watched through a [`LiveTraining`], which both sides share.
 //!
 //! Without the feature `server`, which is on by default, an [`EmbeddedViewer`] answers the same
-//! requests within a program, and a [`WebPage`] is the page in one file, with a scene and a
-//! renderer.
+//! requests within a program, and a [`WebPage`] is the page with a scene and a renderer in one
+//! file.
 
 #![cfg_attr(
     not(feature = "server"),
-    expect(dead_code, reason = "requests have parameters, and errors have statuses, that only a server uses")
+    expect(dead_code, reason = "only a server uses all parameters of requests and statuses of errors")
 )]
 
 #[cfg(feature = "server")]

@@ -1,4 +1,4 @@
-//! Lights of a scene: its own, and environment maps that were added.
+//! Lights of a scene: its own, and added environment maps.
 
 use crate::{
     ViewerError,
@@ -27,7 +27,7 @@ use std::{
 
 /// Identifier of the scene's own light.
 const SCENE_LIGHT: u32 = 0;
-/// Light of the scene as it is.
+/// Unchanged light of the scene.
 pub(crate) const OF_SCENE: LightSetting = LightSetting { id: SCENE_LIGHT, turn: 0.0, stops: 0.0 };
 /// Largest number of added lights; the oldest one is replaced.
 const LIGHTS_MAX: usize = 16;
@@ -48,12 +48,12 @@ pub(crate) type Cube = Environment<Vec<f32>>;
 pub(crate) struct Label {
     pub(crate) id: u32,
     pub(crate) name: String,
-    /// Name of its file, and the up direction by which it was read; none for a light without one.
+    /// Name of its file, and the up direction of reading it; `None` for a light without a file.
     pub(crate) file: Option<(String, MapUp)>,
 }
 
 impl Label {
-    /// The label as the page reads it.
+    /// Label for the page.
     pub(crate) fn json(&self) -> Value {
         let mut json = json!({"id": id_json(self.id), "name": self.name});
         if let Some((file, up)) = &self.file {
@@ -64,19 +64,19 @@ impl Label {
     }
 }
 
-/// Identifier as requests have it.
+/// Identifier in requests.
 pub(crate) fn id_json(id: u32) -> Value {
     if id == DARKNESS { NONE.into() } else { id.into() }
 }
 
-/// Lights that pictures can be requested under.
+/// Lights that requests can select.
 #[derive(Debug)]
 pub(crate) struct Lights {
     /// Resolution of added lights, in texels along a face's edge.
     resolution: usize,
     /// Up direction of the scene.
     up: Vec3,
-    /// Whether darkness is one of the lights: suns and lamps can shine instead.
+    /// True if no light can be selected, because suns and lamps can replace it.
     offers_darkness: bool,
     table: Mutex<Table>,
 }
@@ -85,12 +85,12 @@ pub(crate) struct Lights {
 struct Table {
     scene_light: Option<Arc<Cube>>,
     added: Vec<(Label, Arc<Cube>)>,
-    /// Number of lights that were ever added.
+    /// Total number of lights added so far.
     count: u32,
 }
 
 impl Lights {
-    /// Light of a scene with this up direction; lights are added at this resolution.
+    /// Lights of a scene with this up direction and light; others are added at this resolution.
     pub(crate) fn new(scene_light: Option<Cube>, resolution: usize, up: Vec3, offers_darkness: bool) -> Self {
         let table = Table { scene_light: scene_light.map(Arc::new), added: Vec::new(), count: 0 };
         Self { resolution, up, offers_darkness, table: Mutex::new(table) }
@@ -101,7 +101,7 @@ impl Lights {
         self.up
     }
 
-    /// Light that is black everywhere.
+    /// Black light.
     pub(crate) fn darkness(&self) -> Cube {
         let resolution = self.resolution;
         let values = vec![0.0; 18 * resolution * resolution];
@@ -113,7 +113,7 @@ impl Lights {
         self.lock().scene_light = light.map(Arc::new);
     }
 
-    /// Reads and adds a lat-long map that has the file name `name`. Returns its label, and warnings
+    /// Reads and adds a lat-long map with the file name `name`. Returns its label, and warnings
     /// about its contents.
     pub(crate) fn add(&self, file: Input<'_>, name: &str, up: MapUp) -> Result<(Label, Vec<String>), ViewerError> {
         let (map, warnings) = light_file::read(file)?;
@@ -122,7 +122,7 @@ impl Lights {
         Ok((self.add_cube(cube, name, up), warnings))
     }
 
-    /// Adds a cube of a lat-long map that had the file name `name`. Returns its label.
+    /// Adds a cube made from a lat-long map with the file name `name`. Returns its label.
     pub(crate) fn add_cube(&self, cube: Cube, name: &str, up: MapUp) -> Label {
         let mut table = self.lock();
         table.count += 1;
@@ -146,7 +146,7 @@ impl Lights {
         scene_light.into_iter().chain(darkness).chain(table.added.iter().map(|(label, _)| label.clone())).collect()
     }
 
-    /// Light with its rotation and exposure. The outer option is none for a light that was
+    /// Light with its rotation and exposure. The outer option is `None` for a light that has been
     /// replaced, the inner one for a scene without a light.
     pub(crate) fn get(&self, setting: LightSetting) -> Option<Option<Cube>> {
         let table = self.lock();
@@ -159,7 +159,7 @@ impl Lights {
         Some(cube.map(|cube| self.adjusted(&cube, setting)))
     }
 
-    /// Whether a setting turns a network, whose levels a turned cube map would not have.
+    /// True if a setting turns a network; a turned cube map would not have its levels.
     pub(crate) fn turns_network(&self, setting: LightSetting) -> bool {
         let is_network = self.lock().scene_light.as_ref().is_some_and(|light| light.is_network());
         is_network && setting.id == SCENE_LIGHT && setting.turn != 0.0
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn a_light_that_is_not_moved_is_itself_to_the_last_bit() {
+    fn an_unmoved_light_is_unchanged_to_the_last_bit() {
         let lights = Lights::new(Some(grey()), 16, Vec3::Z, false);
         assert_eq!(lights.get(OF_SCENE), Some(Some(grey())));
         let brighter = lights.get(LightSetting { stops: 1.0, turn: 33.0, ..OF_SCENE }).unwrap().unwrap();
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_network_is_made_brighter_as_one_and_is_not_turned() {
+    fn a_network_can_be_brightened_but_not_turned() {
         let weight = |index| initial_weight(index, -0.5, 3) + 0.001 * (index % 7) as f32;
         let values = (0..WEIGHT_COUNT).map(weight).collect();
         let network = Cube { resolution: 16, activation: RadianceActivation::Network, values };
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn a_light_stands_as_the_scene_does_and_its_preview_as_the_file() {
+    fn a_light_is_oriented_like_the_scene_and_its_preview_like_the_file() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("sky.exr");
         let (width, height) = (16, 8);
@@ -269,17 +269,17 @@ mod tests {
     }
 
     #[test]
-    fn darkness_is_a_light_where_lamps_can_shine() {
+    fn no_light_can_be_selected_if_lamps_are_possible() {
         let names = |lights: &Lights| lights.labels().iter().map(|label| label.json()).collect::<Vec<_>>();
         let lights = Lights::new(Some(grey()), 16, Vec3::Z, true);
         assert_eq!(names(&lights), [json!({"id": 0, "name": "scene light"}), json!({"id": "none", "name": "none"})]);
         assert_eq!(names(&Lights::new(Some(grey()), 16, Vec3::Z, false)).len(), 1);
         let dark = lights.get(LightSetting { id: DARKNESS, turn: 30.0, stops: 4.0 }).unwrap().unwrap();
-        assert!(dark.values.iter().all(|number| *number == 0.0), "however it is turned and exposed");
+        assert!(dark.values.iter().all(|number| *number == 0.0), "for any turn and exposure");
     }
 
     #[test]
-    fn the_oldest_light_makes_room_and_the_scenes_own_stays() {
+    fn the_oldest_added_light_is_evicted_first() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("sky.hdr");
         latlong::write(&file, &LatLong { width: 8, height: 4, rgb: vec![1.0; 96] }).unwrap();
@@ -289,7 +289,7 @@ mod tests {
         }
         let ids: Vec<u32> = lights.labels().iter().map(|label| label.id).collect();
         assert_eq!((ids.len(), ids[0], ids[1]), (LIGHTS_MAX + 1, SCENE_LIGHT, 2));
-        assert_eq!(lights.get(LightSetting { id: 1, ..OF_SCENE }), None, "it made room");
+        assert_eq!(lights.get(LightSetting { id: 1, ..OF_SCENE }), None, "it was evicted");
         assert!(lights.get(LightSetting { id: 2, ..OF_SCENE }).unwrap().is_some(), "the next is there");
     }
 }

@@ -1,5 +1,5 @@
-//! Feed between a training and its viewer, polled between steps. Being watched changes no bit of
-//! the trained model: scenes are copied, and steps are only delayed.
+//! Feed between a training and its viewer, polled between steps. Watching changes no bit of the
+//! trained model: scenes are copied, and steps are only delayed.
 
 use core::time::Duration;
 use serde_json::{Value, json};
@@ -9,9 +9,9 @@ use std::{
     time::Instant,
 };
 
-/// Least interval between two published scenes, which bounds the overhead of copies.
+/// Minimum interval between two published scenes, which bounds the overhead of copies.
 const PUBLISH_INTERVAL: Duration = Duration::from_millis(200);
-/// Longest wait of a paused training before it polls again.
+/// Maximum wait of a paused training before it polls again.
 const WAIT_MAX: Duration = Duration::from_millis(50);
 /// Largest number of samples of a curve.
 const SAMPLES_MAX: usize = 1000;
@@ -31,8 +31,8 @@ pub enum Request {
 
 /// State that a training and its viewer share.
 ///
-/// Before each step the training polls [`request`](Self::request) until it returns none; after each
-/// step it calls [`record`](Self::record).
+/// Before each step the training polls [`request`](Self::request) until it returns `None`; after
+/// each step it calls [`record`](Self::record).
 #[derive(Debug)]
 pub struct LiveTraining {
     iterations: u32,
@@ -46,14 +46,14 @@ struct State {
     is_paused: bool,
     /// Value of `is_paused` in the last notice.
     is_noticed_paused: bool,
-    /// Single steps that are left of a paused training.
+    /// Remaining single steps of a paused training.
     steps: u32,
     is_scene_requested: bool,
     /// Published scene and its iteration, until the viewer takes it.
     scene: Option<(Scene, u32)>,
     /// Iteration and time of the last publication.
     published: (u32, Instant),
-    /// Iteration of the scene that the viewer shows.
+    /// Iteration of the displayed scene.
     shown: u32,
     now: Sample,
     curve: Curve,
@@ -91,7 +91,7 @@ impl Curve {
 }
 
 impl LiveTraining {
-    /// Training of `iterations` steps that starts, or resumes, after `iteration`.
+    /// Feed of a training of `iterations` steps that starts or resumes after `iteration`.
     pub fn new(iterations: u32, iteration: u32) -> Self {
         let state = State {
             is_finished: false,
@@ -108,8 +108,8 @@ impl LiveTraining {
         Self { iterations, state: Mutex::new(state), changed: Condvar::new() }
     }
 
-    /// Action before the next step; none where the training takes it at once. A call without a
-    /// request uses up one of the single steps of a paused training.
+    /// Action before the next step; `None` to take the step. A call that returns `None` consumes a
+    /// single step of a paused training.
     pub fn request(&self) -> Option<Request> {
         let mut state = self.lock();
         let (published, time) = state.published;
@@ -126,7 +126,7 @@ impl LiveTraining {
         Some(Request::Wait)
     }
 
-    /// Notice for the user where the page has paused or resumed the training since the last call.
+    /// Notice for the user if the page has paused or resumed the training since the last call.
     pub fn notice(&self) -> Option<&'static str> {
         let mut state = self.lock();
         if state.is_noticed_paused == state.is_paused {
@@ -136,7 +136,7 @@ impl LiveTraining {
         Some(if state.is_paused { "paused from the page; resume it there" } else { "resumed" })
     }
 
-    /// Waits until a request changes, at most 50 ms.
+    /// Waits up to 50 ms for a change of requests.
     pub fn wait(&self) {
         drop(self.changed.wait_timeout(self.lock(), WAIT_MAX).expect(NO_POISON));
     }
@@ -172,7 +172,7 @@ impl LiveTraining {
         Some(scene)
     }
 
-    /// Iteration of the scene that is shown.
+    /// Iteration of the displayed scene.
     pub(crate) fn iteration_shown(&self) -> u32 {
         self.lock().shown
     }
@@ -192,7 +192,7 @@ impl LiveTraining {
         self.change(|state| (state.is_paused, state.steps) = (true, steps.min(STEPS_MAX)));
     }
 
-    /// Progress and curves, as the page reads them.
+    /// Progress and curves for the page.
     pub(crate) fn report(&self) -> Value {
         let state = self.lock();
         let column = |value: &dyn Fn(&Sample) -> Value| -> Value { state.curve.samples.iter().map(value).collect() };
@@ -227,9 +227,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_paused_training_takes_the_steps_that_are_asked_for() {
+    fn a_paused_training_takes_the_requested_steps() {
         let live = LiveTraining::new(10, 0);
-        assert_eq!(live.request(), None, "it runs by itself");
+        assert_eq!(live.request(), None, "it runs without requests");
         live.pause();
         assert_eq!(live.request(), Some(Request::Wait));
         live.step(2);
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pause_is_told_once_and_so_is_its_end() {
+    fn pausing_and_resuming_are_noticed_once() {
         let live = LiveTraining::new(10, 0);
         assert_eq!(live.notice(), None);
         live.pause();
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_is_given_only_where_there_is_a_new_one_and_somebody_looks() {
+    fn a_scene_is_published_only_if_it_is_new_and_requested() {
         let live = LiveTraining::new(10, 0);
         live.record(1, 0.1, None, 5);
         assert_eq!(live.request(), None, "nobody looks");

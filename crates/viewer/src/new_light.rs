@@ -1,4 +1,4 @@
-//! Lights that are opened or dropped: their parameters and bounds.
+//! Uploaded lights: parameters and limits.
 
 use crate::{ViewerError, http::HttpError};
 use axum::http::StatusCode;
@@ -12,7 +12,7 @@ pub(crate) const LIGHT_MAX: usize = 64 << 20;
 /// Largest number of pixels of a light, which take 400 MB decoded.
 const PIXELS_MAX: u64 = 1 << 25;
 
-/// Light that is to be received.
+/// Light to be received.
 #[derive(Debug, Deserialize)]
 pub(crate) struct UploadParameters {
     /// File name.
@@ -32,17 +32,19 @@ impl UploadParameters {
             return Ok(extension);
         }
         let name = &self.name;
-        Err(HttpError::bad_request(format!("{name:?} is no light; drop a lat-long map that ends in .hdr or .exr")))
+        Err(HttpError::bad_request(format!(
+            "{name:?} is not a light; use a lat-long map with the extension .hdr or .exr"
+        )))
     }
 }
 
 /// 413 Content Too Large: a light of more than [`LIGHT_MAX`] bytes.
 pub(crate) fn too_large() -> HttpError {
-    let message = format!("the light is larger than {} MiB; make it smaller", LIGHT_MAX >> 20);
+    let message = format!("the light is larger than {} MiB; reduce its size", LIGHT_MAX >> 20);
     HttpError::new(StatusCode::PAYLOAD_TOO_LARGE, message)
 }
 
-/// Refuses a light, called `name`, with more pixels than are read.
+/// Rejects a light called `name` with too many pixels.
 ///
 /// # Errors
 ///
@@ -52,6 +54,6 @@ pub(crate) fn refuse_large(input: Input<'_>, name: &str) -> Result<(), ViewerErr
     if u64::from(width) * u64::from(height) <= PIXELS_MAX {
         return Ok(());
     }
-    let message = format!("{name:?} has {width} × {height} pixels; make it smaller, to 8192 × 4096 at most");
+    let message = format!("{name:?} has {width} × {height} pixels; reduce it to at most 8192 × 4096");
     Err(ViewerError::Request(message))
 }

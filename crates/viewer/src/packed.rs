@@ -7,11 +7,10 @@
 //! streams         numbers of Gaussians, plane by plane; of lights; of the near field
 //! ```
 //!
-//! The numbers of a stream are stored byte plane by byte plane, the highest first: neighbours are
-//! alike in their high bytes, which compresses them. Quats have length 1, logits are within
-//! ±[`LOGIT_MAX`], the vertices of a near field follow in the order in which its triangles use
-//! them, with normals folded from a sphere onto a square, and its hierarchy is built anew by the
-//! reader.
+//! The numbers of a stream are stored byte plane by byte plane, the highest first: neighbours have
+//! similar high bytes, which compress well. Quats have length 1, logits are within ±[`LOGIT_MAX`],
+//! the vertices of a near field are stored in the order of their first use by triangles, with
+//! octahedral normals, and the reader rebuilds the hierarchy.
 
 mod octahedron;
 mod streams;
@@ -40,7 +39,7 @@ use streams::{Reader, Stream, Writer};
 
 /// First bytes of a packed scene; the last one is the version of the format.
 const MAGIC: [u8; 8] = *b"specula\x02";
-/// Largest size of a logit that is told apart: its sigmoid is within 6e-6 of 0 or 1.
+/// Logits are clamped to ±`LOGIT_MAX`, where the sigmoid is within 6e-6 of 0 or 1.
 const LOGIT_MAX: f32 = 12.0;
 /// Steps of means in the median size of a Gaussian, and of deviations of filters in their range.
 const MEAN_STEPS: f64 = 64.0;
@@ -55,8 +54,8 @@ const AMBIENT_STEP: f64 = 1.0 / 256.0;
 const RESIDUAL_STEP: f64 = 1.0 / 256.0;
 const CONSTANT_STEP: f64 = 1.0 / 256.0;
 const HARMONICS_STEP: f64 = 1.0 / 64.0;
-/// Steps of a near field: of its vertices, in offsets at which rays start; of normals on an
-/// octahedron, of which a byte holds the range; of the rest.
+/// Steps of a near field: of its vertices, in offsets at which rays start; of octahedral normals,
+/// whose range fits a byte; of the rest.
 const VERTEX_STEP: f64 = 1.0 / 8.0;
 const NORMAL_STEP: f64 = 1.0 / 127.0;
 const ATTRIBUTE_STEP: f64 = 1.0 / 64.0;
@@ -70,17 +69,17 @@ const GAUSSIANS_MAX: usize = 1 << 25;
 pub enum PackPrecision {
     /// Every bit.
     Exact,
-    /// Steps that are small against what is seen: a 64th of a Gaussian's size for means, about a
-    /// percent for the rest.
+    /// Steps below visible differences: a 64th of a Gaussian's size for means, about a percent for
+    /// the rest.
     Quantised,
 }
 
-/// Light beside that of the scene.
+/// Light in addition to the scene's.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackedLight {
     /// Name of its file.
     pub name: String,
-    /// Up direction by which the file was read.
+    /// Up direction for reading the file.
     pub up: MapUp,
     /// Radiance as a cube map.
     pub cube: Environment<Vec<f32>>,
@@ -153,14 +152,14 @@ struct NearFieldHeader {
     sizes: [usize; 3],
     offset: f32,
     /// Streams of nodes, of corners of triangles, and of each number of a vertex. Without a stream
-    /// of nodes the hierarchy is built anew, and a normal has two numbers, of an octahedron.
+    /// of nodes the hierarchy is rebuilt, and a normal has two octahedral numbers.
     nodes: Option<Stream>,
     corners: Stream,
     vertices: Vec<Stream>,
 }
 
 impl PackedScene {
-    /// Bytes of the scene, not compressed.
+    /// Uncompressed bytes of the scene.
     pub fn pack(&self, precision: PackPrecision) -> Vec<u8> {
         let mut writer = Writer::default();
         let ViewedScene { name, scene, views, held_out, origin, orientation, background, .. } = &self.viewed;
@@ -232,7 +231,7 @@ impl PackedScene {
     ///
     /// A sentence on the first fault.
     pub fn unpack(bytes: &[u8]) -> Result<Self, ViewerError> {
-        let (header, streams) = split(bytes).ok_or_else(|| damaged("it is no scene of specula, or cut short"))?;
+        let (header, streams) = split(bytes).ok_or_else(|| damaged("it is not a scene of specula, or cut short"))?;
         let header: Header = serde_json::from_slice(header).map_err(|error| damaged(&error.to_string()))?;
         let mut reader = Reader { bytes: streams };
         let scene = header.scene(&mut reader)?;
@@ -246,7 +245,7 @@ impl PackedScene {
             return Err(damaged("it is longer than its header says"));
         }
         if !header.orientation.is_valid() {
-            return Err(damaged("its orientation is none"));
+            return Err(damaged("its orientation is invalid"));
         }
         let views = header.views.iter().map(PackedView::camera).collect::<Result<Vec<_>, _>>()?;
         let viewed = ViewedScene {
@@ -270,7 +269,7 @@ fn split(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
 }
 
 fn damaged(cause: &str) -> ViewerError {
-    ViewerError::Request(format!("the packed scene cannot be read: {cause}; export it once more"))
+    ViewerError::Request(format!("cannot read the packed scene: {cause}; export it again"))
 }
 
 impl Header {
@@ -282,7 +281,7 @@ impl Header {
         }
         let shading_model = ShadingModel::from_comment(&self.shading);
         let shading_model = shading_model.ok_or_else(|| damaged("its shading model is unknown"))?;
-        // Each plane takes a byte for each number at least, so that the file bounds the memory.
+        // Each plane takes at least one byte per number, so the file's length bounds the memory.
         if reader.bytes.len() < self.count * layout.plane_count() {
             return Err(damaged("it is cut short"));
         }
@@ -313,7 +312,7 @@ fn step_of(plane: usize, layout: Layout) -> f64 {
     }
 }
 
-/// Whether a plane holds logits.
+/// True if a plane contains logits.
 fn is_logit(plane: usize, layout: Layout) -> bool {
     let is_of_material = |first: usize| (first..first + AMBIENT).contains(&plane);
     let is_of_shading = (DIFFUSE..NORMAL_RESIDUAL_1).contains(&plane) && layout.is_shaded();
@@ -347,8 +346,8 @@ fn pack_gaussians(gaussians: &Gaussians<Vec<f32>>, is_exact: bool, writer: &mut 
     (0..layout.plane_count()).map(pack).collect()
 }
 
-/// Log scales of which the least, whose axis is the normal, stays the least when each is rounded to
-/// steps: it is lowered until it is more than a step below both others.
+/// Log scales whose smallest, along the normal, stays the smallest after rounding: it is lowered
+/// until it is more than a step below both others.
 fn told_apart(mut log_scales: [f32; 3]) -> [f32; 3] {
     const APART: f32 = 1.25 * SCALE_STEP as f32;
     let shorter = |k: usize, other: usize| if log_scales[other] < log_scales[k] { other } else { k };
@@ -393,7 +392,7 @@ impl LightHeader {
             _ => return Err(damaged("its light is of an unknown kind")),
         };
         if !self.resolution.is_power_of_two() || self.resolution > RESOLUTION_MAX {
-            return Err(damaged("its light is of no resolution that can be filtered"));
+            return Err(damaged("the resolution of its light cannot be filtered"));
         }
         let empty = Environment { resolution: self.resolution, activation, values: Vec::new() };
         let values = reader.numbers(&self.stream, empty.len_of_values()).ok_or_else(|| damaged("it is cut short"))?;
@@ -438,8 +437,8 @@ fn pack_near_field(surface: &NearField<Vec<f32>>, is_exact: bool, writer: &mut W
     NearFieldHeader { sizes: surface.sizes(), offset: surface.offset, nodes, corners, vertices }
 }
 
-/// Numbers vertices in the order in which corners use them, the others last. Returns the former
-/// number of each.
+/// Numbers vertices in the order of their first use by corners, unused ones last. Returns the
+/// former number of each.
 fn in_order_of_use(corners: &mut [f32], vertex_count: usize) -> Vec<usize> {
     let mut numbers: Vec<Option<usize>> = vec![None; vertex_count];
     let mut order = Vec::with_capacity(vertex_count);
@@ -643,7 +642,7 @@ mod tests {
     }
 
     #[test]
-    fn an_exact_scene_comes_back_as_it_was() {
+    fn an_exact_scene_round_trips() {
         let packed = scene();
         let read = PackedScene::unpack(&packed.pack(PackPrecision::Exact)).unwrap();
         let (a, b) = (&packed.viewed, &read.viewed);
@@ -687,7 +686,7 @@ mod tests {
                 let corners = surface.values[first..first + 3].iter();
                 corners.flat_map(|vertex| surface.vertex(*vertex as usize)).collect::<Vec<f32>>()
             };
-            // Hierarchies order the two triangles as they like.
+            // Hierarchies may swap the two triangles.
             let mut triangles = [corners(0), corners(1)];
             triangles.sort_by(|a, b| a[0].total_cmp(&b[0]));
             triangles.concat()
@@ -717,18 +716,18 @@ mod tests {
     }
 
     #[test]
-    fn damaged_scenes_end_in_a_sentence() {
+    fn damaged_scenes_are_errors() {
         let bytes = scene().pack(PackPrecision::Quantised);
         let refused = |bytes: &[u8]| PackedScene::unpack(bytes).unwrap_err().to_string();
         for len in (0..bytes.len()).step_by(61) {
-            assert!(refused(&bytes[..len]).contains("export it once more"));
+            assert!(refused(&bytes[..len]).contains("export it again"));
         }
         assert!(refused(&[bytes.as_slice(), &[0]].concat()).contains("longer"));
         let header = 12..12 + u32::from_le_bytes(bytes[8..12].try_into().unwrap()) as usize;
         for (index, step) in header.clone().zip([1, 7, 64, 128].into_iter().cycle()) {
             let mut damaged = bytes.clone();
             damaged[index] ^= step;
-            // Some changes are of names alone; none may panic.
+            // Some changes only affect names; none may panic.
             let _ = PackedScene::unpack(&damaged);
         }
         let text = String::from_utf8_lossy(&bytes[header]).into_owned();

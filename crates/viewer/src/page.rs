@@ -1,4 +1,4 @@
-//! Page: its files behind the server, and the same in one file, with the renderer and a scene.
+//! Page: its files for the server, and as one file with the renderer and a scene.
 
 mod bundle;
 mod text;
@@ -31,23 +31,23 @@ pub(crate) const FILES: [(&str, &str, &str); 16] = [
     ("/main.js", SCRIPT, include_str!("page/main.js")),
 ];
 
-/// The renderer as a server, in a page without one.
+/// Module that replaces the server by a renderer in the page.
 const WEB_SERVER: (&str, &str) = ("server.js", include_str!("page/web/server.js"));
 
-/// Reader of the text that holds renderer and scene in a page in one file: a module of JavaScript
-/// whose `bytesOf` is the inverse of [`text_of`], for the number of bytes.
+/// Reader of the text of renderer and scene in a page in one file: a JavaScript module; its
+/// `bytesOf` is the inverse of [`text_of`], given the number of bytes.
 pub const TEXT_READER: &str = include_str!("page/web/text.js");
 
-/// Element that shows the page of a folder in others.
+/// Element that embeds the page of a folder in other pages.
 const ELEMENT_SCRIPT: &str = include_str!("page/web/specula-scene.js");
 
 /// Policy of a page in one file: nothing is loaded, and nothing is sent.
 const CLOSED: &str = "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval'; style-src 'unsafe-inline'; \
                       img-src data: blob:; base-uri 'none'; form-action 'none'";
-/// The same where renderer and scene are files beside the page.
+/// Additional policy if renderer and scene are files next to the page.
 const HOSTED: &str = "connect-src 'self'";
 
-/// Renderer of web pages, as `scripts/build-web` writes it.
+/// Renderer of web pages, written by `scripts/build-web`.
 #[derive(Clone, Copy, Debug)]
 pub struct WebRenderer<'a> {
     /// JavaScript that loads it.
@@ -108,7 +108,7 @@ impl WebPage {
         ]
     }
 
-    /// The page with attributes and text of the elements that hold renderer and scene.
+    /// The page with attributes and text of the elements of renderer and scene.
     fn html(&self, policy: &str, module: (String, String), scene: (String, String)) -> String {
         let [(_, _, html), (_, _, style), ..] = FILES;
         let modules: Vec<(&str, &str)> = FILES[2..]
@@ -141,7 +141,7 @@ impl WebPage {
 
 /// Elements of the page that name its files.
 const STYLE_LINK: &str = "<link rel=\"stylesheet\" href=\"style.css\">";
-/// Element before which the still picture lies, above the canvas and below all controls.
+/// Element that follows the still picture, which is above the canvas and below all controls.
 const HANDLES: &str = "<div id=\"handles\"></div>";
 const SCRIPT_LINK: &str = "<script type=\"module\" src=\"main.js\"></script>\n";
 
@@ -153,7 +153,7 @@ fn compressed(bytes: &[u8]) -> Vec<u8> {
     written.unwrap_or_default()
 }
 
-/// Text without characters that HTML gives a meaning.
+/// Text with the special characters of HTML escaped.
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }

@@ -1,4 +1,4 @@
-//! Fair queue: clients take turns, however many pictures each of them requests.
+//! Fair queue: clients take turns, for any number of requests of each.
 
 use std::sync::{Condvar, Mutex, MutexGuard};
 
@@ -9,7 +9,7 @@ const CLIENTS_MAX: usize = 64;
 
 const NO_POISON: &str = "nothing panics under the lock of the queue";
 
-/// Reason why a job is not accepted.
+/// Reason why a job is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum QueueError {
     /// Too many jobs are waiting.
@@ -40,8 +40,8 @@ impl<T> Queue<T> {
         Self { state: Mutex::new(state), changed: Condvar::new() }
     }
 
-    /// Appends a job of a client, in place of a waiting one of the same client, which is outdated.
-    /// Client 0 is anonymous and may have several jobs waiting.
+    /// Appends a job of a client and drops its outdated waiting job. Client 0 is anonymous and may
+    /// have several waiting jobs.
     pub(crate) fn push(&self, client: u64, job: T) -> Result<(), QueueError> {
         let mut state = self.lock();
         if state.is_closed {
@@ -58,7 +58,7 @@ impl<T> Queue<T> {
         Ok(())
     }
 
-    /// Waits for a job; none once the queue is closed.
+    /// Waits for a job; `None` after the queue is closed.
     pub(crate) fn next(&self) -> Option<T> {
         let mut state = self.lock();
         loop {
@@ -111,13 +111,13 @@ mod tests {
             queue.push(client, job).unwrap();
         }
         assert_eq!(queue.next(), Some("a"));
-        // The first is back before the second had its turn.
+        // The first client returns before the second had its turn.
         queue.push(1, "c").unwrap();
         assert_eq!([queue.next(), queue.next()], [Some("b"), Some("c")]);
     }
 
     #[test]
-    fn what_a_client_asked_for_before_is_dropped() {
+    fn outdated_jobs_of_a_client_are_dropped() {
         let queue = Queue::new();
         for job in ["old", "new"] {
             queue.push(7, job).unwrap();
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn what_waits_is_bounded_and_a_closed_queue_takes_nothing() {
+    fn waiting_jobs_are_bounded_and_a_closed_queue_rejects_jobs() {
         let queue = Queue::new();
         for job in 0..WAITING_MAX {
             queue.push(0, job).unwrap();

@@ -20,7 +20,7 @@ pub(crate) struct Job {
 
 /// Renders the jobs of a queue on a new thread, until the queue is closed.
 pub(crate) fn spawn(mut worker: RenderWorker, queue: Arc<Queue<Job>>, live: Option<Arc<LiveTraining>>) {
-    /// Closes the queue when the thread ends, even by a panic, so that no client waits for it.
+    /// Closes the queue when the thread ends, even by a panic, so no client waits for it.
     struct CloseOnDrop(Arc<Queue<Job>>);
     impl Drop for CloseOnDrop {
         fn drop(&mut self) {
@@ -37,7 +37,7 @@ pub(crate) fn spawn(mut worker: RenderWorker, queue: Arc<Queue<Job>>, live: Opti
             }
             let latest = live.as_ref().and_then(|live| live.take());
             let updated = latest.map_or(Ok(()), |scene| worker.set_scene(scene));
-            // The receiver is gone where the client closed its connection meanwhile.
+            // The receiver is gone if the client has closed its connection.
             let start = Instant::now();
             let frame = updated.and_then(|()| worker.render(&request));
             let _ = reply.send(frame.map(|frame| (frame, start.elapsed())));

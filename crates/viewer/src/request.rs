@@ -1,4 +1,4 @@
-//! Requests as their query strings describe them. Invalid parameters are refused by name.
+//! Requests from their query strings. Errors name the invalid parameter.
 
 use crate::http::HttpError;
 use axum::{extract::Query, http::Uri};
@@ -24,7 +24,7 @@ const STOPS_MAX: f32 = 16.0;
 /// Cosine of the angle below which the viewing direction counts as parallel to the up vector.
 const PARALLEL: f32 = 0.999_999;
 
-/// Quality of JPEGs where the request has none.
+/// Default quality of JPEGs.
 const JPEG_QUALITY: u8 = 80;
 
 /// Name of the layer of [`Content::Error`].
@@ -46,9 +46,9 @@ pub(crate) struct FrameRequest {
     pub(crate) content: Content,
     pub(crate) light: LightSetting,
     pub(crate) lamps: LampSetting,
-    /// Colours that are asked for; by default those that suit the light.
+    /// Requested colours; by default those for the light.
     pub(crate) shading: Option<Shading>,
-    /// Whether the light is the background, instead of a colour.
+    /// True if the light is the background, instead of a colour.
     pub(crate) has_backdrop: bool,
 }
 
@@ -63,7 +63,7 @@ impl FrameRequest {
         let PictureParameters { size, layer, shading, backdrop } = query(uri)?;
         let lamps: LampSetting = query(uri)?;
         if !lamps.is_dark() && shading == Some(Shading::View) {
-            return Err(HttpError::bad_request("suns and lamps shine on physical materials; omit shading=view"));
+            return Err(HttpError::bad_request("suns and lamps light only physical materials; omit shading=view"));
         }
         Ok(Self {
             viewpoint,
@@ -147,14 +147,14 @@ impl TryFrom<PoseParameters> for Pose {
         let PoseParameters { eye: Vector(eye), look: Vector(look), up: Vector(up), angle } = parameters;
         let [least, most] = ANGLES;
         if !(least..=most).contains(&angle) {
-            return Err(format!("angle is from {least} to {most} degrees"));
+            return Err(format!("angle must be from {least} to {most} degrees"));
         }
         match [look, up].map(Vec3::try_normalize) {
             [Some(look), Some(up)] if look.dot(up).abs() < PARALLEL => {
                 Ok(Self { eye, look, up, angle: angle.to_radians() })
             }
-            [Some(_), Some(_)] => Err("look and up are parallel; let them differ".into()),
-            _ => Err("look and up have a length; none of them is 0,0,0".into()),
+            [Some(_), Some(_)] => Err("look and up must not be parallel".into()),
+            _ => Err("look and up must not be 0,0,0".into()),
         }
     }
 }
@@ -184,7 +184,7 @@ impl TryFrom<String> for Content {
         match name.parse() {
             _ if name == ERROR => Ok(Self::Error),
             Ok(layer) if layer != Layer::All => Ok(Self::Layer(layer)),
-            _ => Err(format!("no layer {name:?}; /scene lists those that there are")),
+            _ => Err(format!("no layer {name:?}; /scene lists all layers")),
         }
     }
 }
@@ -200,7 +200,7 @@ pub(crate) struct LightSetting {
     pub(crate) stops: f32,
 }
 
-/// Identifier of darkness, which is called `none`.
+/// Identifier of no light, called `none`.
 pub(crate) const DARKNESS: u32 = u32::MAX;
 /// Name of [`DARKNESS`].
 pub(crate) const NONE: &str = "none";
@@ -243,13 +243,13 @@ impl LightSetting {
     ///
     /// # Errors
     ///
-    /// A sentence that names the bound.
+    /// A sentence with the valid range.
     pub(crate) fn new(id: u32, turn: f32, stops: f32) -> Result<Self, String> {
         if !(turn.abs() <= TURN_MAX) {
-            return Err(format!("turn is an angle in degrees, from -{TURN_MAX} to {TURN_MAX}"));
+            return Err(format!("turn must be from -{TURN_MAX} to {TURN_MAX} degrees"));
         }
         if !(stops.abs() <= STOPS_MAX) {
-            return Err(format!("stops is from -{STOPS_MAX} to {STOPS_MAX}"));
+            return Err(format!("stops must be from -{STOPS_MAX} to {STOPS_MAX}"));
         }
         Ok(Self { id, turn, stops })
     }
@@ -261,7 +261,7 @@ impl LightSetting {
 pub(crate) struct LampSetting {
     pub(crate) suns: Vec<SunChoice>,
     pub(crate) spheres: Vec<SphereChoice>,
-    /// Shadow rays of a pixel to each lamp that is wider than a point.
+    /// Shadow rays of a pixel to each area lamp.
     pub(crate) rays: usize,
 }
 
@@ -273,14 +273,14 @@ impl LampSetting {
     ///
     /// # Errors
     ///
-    /// A sentence that names the bound.
+    /// A sentence with the valid range.
     pub(crate) fn new(suns: Vec<SunChoice>, spheres: Vec<SphereChoice>, rays: usize) -> Result<Self, String> {
         let (count, most) = (suns.len() + spheres.len(), Self::COUNT_MAX);
         if count > most {
-            return Err(format!("use at most {most} suns and lamps together instead of {count}"));
+            return Err(format!("use at most {most} suns and lamps in total, not {count}"));
         }
         if !(1..=RAYS).contains(&rays) {
-            return Err(format!("rays is from 1 to {RAYS}"));
+            return Err(format!("rays must be from 1 to {RAYS}"));
         }
         let setting = Self { suns, spheres, rays };
         check(&setting.lamps(Vec3::Z, 0.0), rays).map_err(|fault| fault.to_string())?;
@@ -299,7 +299,7 @@ impl LampSetting {
     }
 }
 
-/// Suns and lamps as options of `relight` name them, separated by semicolons.
+/// Suns and lamps in the notation of `relight`, separated by semicolons.
 #[derive(Deserialize)]
 #[serde(default)]
 struct LampParameters {
@@ -322,10 +322,10 @@ impl TryFrom<LampParameters> for LampSetting {
     }
 }
 
-/// Parses entries separated by semicolons; none of an empty text.
+/// Parses entries separated by semicolons; empty for an empty text.
 fn entries<T: FromStr<Err: Display>>(text: &str, name: &str) -> Result<Vec<T>, String> {
     let entries = text.split(';').filter(|_| !text.is_empty());
-    let parse = |entry: &str| entry.parse().map_err(|error| format!("{name} has {entry:?}; {error}"));
+    let parse = |entry: &str| entry.parse().map_err(|error| format!("{name}: invalid {entry:?}; {error}"));
     entries.map(parse).collect()
 }
 
@@ -339,14 +339,14 @@ pub(crate) enum Encoding {
 }
 
 impl Encoding {
-    /// Encoding that a query asks for; PNG by default.
+    /// Requested encoding; PNG by default.
     pub(crate) fn of(uri: &Uri) -> Result<Self, HttpError> {
         let FormatParameter { format } = query(uri)?;
         match format {
             Format::Png => Ok(Self::Png),
             Format::Jpeg => match query(uri)? {
                 QualityParameter { quality: quality @ 1..=100 } => Ok(Self::Jpeg(quality)),
-                QualityParameter { .. } => Err(HttpError::bad_request("quality is from 1 to 100")),
+                QualityParameter { .. } => Err(HttpError::bad_request("quality must be from 1 to 100")),
             },
         }
     }
@@ -385,7 +385,7 @@ pub(crate) struct ClientParameter {
     pub(crate) client: u64,
 }
 
-/// Steering of a training.
+/// Control of a training.
 #[derive(Deserialize)]
 pub(crate) struct SteeringParameters {
     #[serde(rename = "do")]
@@ -421,7 +421,7 @@ impl TryFrom<String> for Vector {
 
     fn try_from(text: String) -> Result<Self, String> {
         let vector = Vec3::from(numbers::<f32, 3>(&text)?);
-        // The square of its length has to be finite as well.
+        // The square of its length must also be finite.
         if vector.length_squared().is_finite() { Ok(Self(vector)) } else { Err("use three finite numbers".into()) }
     }
 }
@@ -440,7 +440,7 @@ impl TryFrom<String> for Size {
         if is_valid(width) && is_valid(height) && width * height <= PIXELS_MAX {
             Ok(Self([width, height]))
         } else {
-            Err(format!("use two numbers from 1 to {EDGE_MAX}, and at most {PIXELS_MAX} pixels in all"))
+            Err(format!("use two numbers from 1 to {EDGE_MAX}, with at most {PIXELS_MAX} pixels"))
         }
     }
 }
@@ -467,7 +467,7 @@ impl TryFrom<String> for Position {
 fn numbers<T: FromStr, const N: usize>(text: &str) -> Result<[T; N], String> {
     let numbers: Option<Vec<T>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
     let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
-    numbers.ok_or_else(|| format!("use {N} numbers with commas instead of {text:?}"))
+    numbers.ok_or_else(|| format!("use {N} numbers separated by commas, not {text:?}"))
 }
 
 #[cfg(test)]
@@ -485,7 +485,7 @@ mod tests {
     }
 
     #[test]
-    fn a_whole_query_is_understood() {
+    fn a_complete_query_is_parsed() {
         let request = frame(&format!("{GOOD}&layer=normal&light=2&turn=-30&stops=1.5")).unwrap();
         assert_eq!(request.size, [640, 480]);
         assert_eq!(request.content, Content::Layer(Layer::Normal));
@@ -512,7 +512,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_that_are_not_used_are_not_read() {
+    fn unused_parameters_are_ignored() {
         assert!(frame("view=3&size=1,1&eye=nowhere").is_ok(), "a view has its own pose");
         assert_eq!(Encoding::of(&uri("format=png&quality=none")).unwrap(), Encoding::Png);
         assert_eq!(Encoding::of(&uri("")).unwrap(), Encoding::Png);
@@ -520,10 +520,9 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused_by_name() {
+    fn errors_name_the_invalid_parameter() {
         let with = |more: &str| format!("{GOOD}&{more}");
-        // Parameters that are given twice are refused, so that these take the place of the good
-        // ones.
+        // Repeated parameters are rejected, so these replace the valid ones.
         let replaced = |more: &str| {
             let name = more.split('=').next().unwrap();
             let kept = GOOD.split('&').filter(|pair| pair.split('=').next() != Some(name));

@@ -1,4 +1,4 @@
-//! Routes: the page, the scene's description, pictures, lights, and steering of a training.
+//! Routes: the page, the scene's description, pictures, lights, and control of a training.
 
 use crate::{
     guard::Denied,
@@ -46,7 +46,7 @@ pub(crate) fn router(state: Arc<ServerState>) -> Router {
     router.layer(middleware::from_fn_with_state(state.clone(), guarded)).with_state(state)
 }
 
-/// Checks the headers of a request before its body is read, and sets those of the response.
+/// Checks the headers of a request before reading its body, and sets those of the response.
 async fn guarded(State(state): State<Arc<ServerState>>, request: Request, next: Next) -> Response {
     let is_page = FILES.iter().any(|(path, ..)| *path == request.uri().path());
     let mut response = match state.guard.check(request.headers(), is_page) {
@@ -62,7 +62,7 @@ async fn guarded(State(state): State<Arc<ServerState>>, request: Request, next: 
     response
 }
 
-/// Marks a response as authorised. Files of the page do not count: they need no token.
+/// Marks a response as authorised, except for files of the page, which need no token.
 fn authorised(mut response: Response, is_page: bool) -> Response {
     if !is_page {
         response.extensions_mut().insert(Authorised);
@@ -96,7 +96,7 @@ async fn point(State(state): State<Arc<ServerState>>, uri: Uri) -> Result<Respon
     Ok(json_response(&json!({"point": state.render(client, request).await?.0.point})))
 }
 
-/// Encodes a picture; its headers hold times and what it shows.
+/// Encodes a picture, with its times and contents in the headers.
 fn encoded(frame: &Frame, time: Duration, encoding: Encoding, iteration: Option<u32>) -> (HeaderMap, Vec<u8>) {
     let start = Instant::now();
     let (content_type, bytes) = match encoding {
@@ -128,7 +128,7 @@ fn encoded(frame: &Frame, time: Duration, encoding: Encoding, iteration: Option<
 async fn preview(State(state): State<Arc<ServerState>>, uri: Uri) -> Result<Response, HttpError> {
     let setting = query(&uri)?;
     let bytes = spawn_blocking(move || state.lights.preview(setting)).await.map_err(HttpError::internal)?;
-    let bytes = bytes.ok_or_else(|| HttpError::new(StatusCode::NOT_FOUND, "there is no such light"))?;
+    let bytes = bytes.ok_or_else(|| HttpError::new(StatusCode::NOT_FOUND, "no light with this number"))?;
     Ok(([(header::CONTENT_TYPE, "image/jpeg")], bytes).into_response())
 }
 

@@ -22,7 +22,7 @@ use tokio::net::{TcpListener, TcpStream};
 
 /// Interval of checks for a stop and for stale connections.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
-/// Longest time for the headers of a request, from the start of the connection or its last
+/// Maximum time for the headers of a request, from the start of the connection or its last
 /// response.
 const HEADERS_TIMEOUT: Duration = Duration::from_secs(15);
 /// Largest size of the headers of a request, in bytes.
@@ -30,7 +30,7 @@ const HEADERS_MAX: usize = 16 << 10;
 /// Pause after the system has no descriptor or memory for another connection.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(500);
 
-/// Binds an address; port 0 stands for any free port.
+/// Binds an address; port 0 selects any free port.
 pub(crate) async fn listen(address: SocketAddr) -> Result<TcpListener, ViewerError> {
     TcpListener::bind(address).await.map_err(|cause| ViewerError::Listen { address, cause })
 }
@@ -71,13 +71,13 @@ async fn accept(listener: TcpListener, connections: Arc<Connections>, router: Ro
     }
 }
 
-/// Whether an error is of a connection that was closed, not of the system.
+/// True if an error is due to a closed connection, not to the system.
 fn is_of_connection(error: &io::Error) -> bool {
     use io::ErrorKind::{ConnectionAborted, ConnectionRefused, ConnectionReset};
     matches!(error.kind(), ConnectionAborted | ConnectionRefused | ConnectionReset)
 }
 
-/// Serves the requests of a connection. The stream is dropped before the slot, so that a free slot
+/// Serves the requests of a connection. The stream is dropped before the slot, so a free slot
 /// implies a free descriptor.
 async fn serve_connection(stream: TcpStream, slot: Arc<Slot>, router: Router) {
     let router = TowerToHyperService::new(router);
@@ -95,6 +95,6 @@ async fn serve_connection(stream: TcpStream, slot: Arc<Slot>, router: Router) {
     });
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(HEADERS_TIMEOUT).max_buf_size(HEADERS_MAX);
-    // The error of a broken connection has no receiver.
+    // Errors of broken connections are ignored.
     let _ = http.serve_connection(TokioIo::new(stream), service).await;
 }

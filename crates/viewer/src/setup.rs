@@ -1,4 +1,4 @@
-//! Light that the page starts with.
+//! First light of the page.
 
 use crate::{
     ViewerError,
@@ -16,13 +16,13 @@ pub enum SetupEnvironment {
     /// Light of the training.
     #[default]
     Scene,
-    /// Darkness.
+    /// No light.
     None,
     /// Light with this identifier ([`Viewer::add_light`](crate::Viewer::add_light)).
     Added(u32),
 }
 
-/// Light that the page starts with: environment, suns and lamps.
+/// First light of the page: environment, suns and lamps.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LightSetup {
     /// Environment map.
@@ -38,11 +38,11 @@ pub struct LightSetup {
 }
 
 impl LightSetup {
-    /// Refuses what no request may contain.
+    /// Rejects values that requests may not contain.
     ///
     /// # Errors
     ///
-    /// [`ViewerError::Request`], with a sentence that names the bound.
+    /// [`ViewerError::Request`] with the valid range.
     pub(crate) fn check(&self) -> Result<(), ViewerError> {
         let lamps = LampSetting::new(self.suns.clone(), self.spheres.clone(), RAYS).map(drop);
         let light = LightSetting::new(self.id(), self.turn, self.exposure).map(drop);
@@ -62,7 +62,7 @@ impl LightSetup {
         }
     }
 
-    /// Parameters of requests, as the page reads them.
+    /// Parameters of requests, for the page.
     pub(crate) fn json(&self) -> Value {
         json!({
             "light": id_json(self.id()),
@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_setup_is_written_as_requests_have_it() {
+    fn a_setup_has_the_notation_of_requests() {
         assert_eq!(
             LightSetup::default().json(),
             json!({"light": 0, "turn": 0.0, "stops": 0.0, "suns": "", "lamps": ""})
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn a_setup_that_no_request_may_contain_is_refused() {
+    fn a_setup_that_is_invalid_in_requests_is_rejected() {
         let nine = LightSetup { suns: vec!["0,45".parse().unwrap(); 9], ..LightSetup::default() };
         let dazzling = LightSetup { exposure: 40.0, ..LightSetup::default() };
         for (setup, word) in [(nine, "at most 8"), (dazzling, "stops")] {

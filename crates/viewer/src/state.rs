@@ -1,4 +1,4 @@
-//! State that the handlers of requests share.
+//! Shared state of the request handlers.
 
 use crate::{
     guard::Guard,
@@ -20,7 +20,7 @@ use std::{
 };
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
-/// Largest size of all pictures that are being sent, in KiB.
+/// Maximum total size of pictures in transmission, in KiB.
 const SENDING_MAX: usize = 256 << 10;
 
 /// State of a server.
@@ -33,21 +33,21 @@ pub(crate) struct ServerState {
     pub(crate) description: Value,
     /// Whether the scene has a shading function, so that lights can be added.
     pub(crate) is_shaded: bool,
-    /// Training that is watched.
+    /// Watched training.
     pub(crate) live: Option<Arc<LiveTraining>>,
     /// Folder of uploads, while they are received.
     pub(crate) upload_folder: PathBuf,
     /// Permit to read an uploaded light.
     pub(crate) uploads: Arc<Semaphore>,
-    /// Light that the page starts with; that of the scene, where none was set.
+    /// First light of the page; by default that of the scene.
     setup: OnceLock<LightSetup>,
-    /// Permits to send pictures, one for each KiB.
+    /// Permits to send pictures, one per KiB.
     sending: Arc<Semaphore>,
 }
 
 impl ServerState {
-    /// State of a server without requests: one light is read at a time, and pictures that are being
-    /// sent are bounded.
+    /// Initial state of a server: one light is read at a time, and pictures in transmission are
+    /// bounded.
     pub(crate) fn new(
         guard: Guard,
         queue: Arc<Queue<Job>>,
@@ -67,7 +67,7 @@ impl ServerState {
         self.setup.get().cloned().unwrap_or_default()
     }
 
-    /// Sets the light that the page starts with, once.
+    /// Sets the first light of the page, once.
     pub(crate) fn start_under(&self, setup: LightSetup) {
         self.setup.get_or_init(|| setup);
     }
@@ -82,11 +82,11 @@ impl ServerState {
         let (reply, frame) = oneshot::channel();
         self.queue.push(client, Job { request, reply }).map_err(rejected)?;
         // The queue drops a job when the same client requests another picture.
-        let replaced = |_| HttpError::new(StatusCode::CONFLICT, "the same client has requested another picture since");
+        let replaced = |_| HttpError::new(StatusCode::CONFLICT, "the same client has requested another picture");
         Ok(frame.await.map_err(replaced)??)
     }
 
-    /// Response body of a picture, which counts as being sent until its last byte is.
+    /// Response body of a picture, which holds its permits until the last byte is sent.
     pub(crate) fn sent(&self, bytes: Vec<u8>) -> Result<Bytes, HttpError> {
         let size = u32::try_from(bytes.len().div_ceil(1 << 10)).unwrap_or(u32::MAX);
         let permit = self.sending.clone().try_acquire_many_owned(size);
@@ -95,7 +95,7 @@ impl ServerState {
     }
 }
 
-/// Picture that is being sent.
+/// Picture in transmission.
 struct SentPicture {
     bytes: Vec<u8>,
     _permit: OwnedSemaphorePermit,
@@ -110,6 +110,6 @@ impl AsRef<[u8]> for SentPicture {
 fn rejected(error: QueueError) -> HttpError {
     HttpError::busy(match error {
         QueueError::Full => "too many pictures are waiting; try again in a moment",
-        QueueError::Closed => "nothing is rendered any more; start specula again",
+        QueueError::Closed => "the renderer has stopped; start specula again",
     })
 }

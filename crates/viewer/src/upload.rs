@@ -23,9 +23,9 @@ use tokio::{
     time::{Instant, timeout, timeout_at},
 };
 
-/// Longest time between two parts of a light.
+/// Maximum time between two parts of a light.
 const PART_TIMEOUT: Duration = Duration::from_secs(10);
-/// Longest time for a light, beside that of its bytes at the least rate.
+/// Maximum time for a light, in addition to that of its bytes at the minimum rate.
 const BASE_TIMEOUT: Duration = Duration::from_secs(20);
 const BYTES_PER_SECOND_MIN: f64 = 262_144.0;
 
@@ -59,15 +59,16 @@ fn content_length(headers: &HeaderMap) -> Option<usize> {
     headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
 }
 
-/// Longest time to receive a number of bytes.
+/// Maximum time to receive a number of bytes.
 fn timeout_of(bytes: usize) -> Duration {
     BASE_TIMEOUT + Duration::from_secs_f64(bytes as f64 / BYTES_PER_SECOND_MIN)
 }
 
-/// Receives a light into a file: readers take files, whose sizes bound their memory.
+/// Receives a light into a file, whose size bounds the memory of its reader.
 async fn received(mut body: Body, extension: &str, folder: &Path) -> Result<NamedTempFile, HttpError> {
-    let no_room = |error: std::io::Error| HttpError::internal(format!("there is no room for the light: {error}"));
-    let too_slow = |_| HttpError::new(StatusCode::REQUEST_TIMEOUT, "the light comes too slowly; send it again");
+    let no_room = |error: std::io::Error| HttpError::internal(format!("cannot store the light: {error}"));
+    let too_slow =
+        |_| HttpError::new(StatusCode::REQUEST_TIMEOUT, "the upload of the light is too slow; send it again");
     let start = Instant::now();
     let mut file = tempfile::Builder::new().suffix(&format!(".{extension}")).tempfile_in(folder).map_err(no_room)?;
     let mut length = 0;
@@ -108,7 +109,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_light_has_to_come_at_a_least_rate() {
+    fn uploads_have_a_minimum_rate() {
         let seconds = [0, 1 << 10, 1 << 20, LIGHT_MAX].map(|bytes| timeout_of(bytes).as_secs_f64());
         assert_eq!(seconds, [20.0, 20.003_906_25, 24.0, 276.0]);
     }

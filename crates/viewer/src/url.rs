@@ -11,8 +11,8 @@ pub(crate) fn urls(listening: SocketAddr, token: Option<&str>) -> Vec<String> {
     reachable.iter().map(|address| format!("http://{address}/{fragment}")).collect()
 }
 
-/// Addresses at which other machines reach a server: those of its network interfaces, where it
-/// listens at the unspecified address.
+/// Addresses at which other machines reach a server: those of its network interfaces if it listens
+/// at the unspecified address.
 fn reachable_addresses(listening: SocketAddr, interfaces: impl Iterator<Item = IpAddr>) -> Vec<SocketAddr> {
     let is_served = |ip: &IpAddr| listening.is_ipv6() || ip.is_ipv4();
     let is_reachable = |ip: &IpAddr| match ip {
@@ -22,7 +22,7 @@ fn reachable_addresses(listening: SocketAddr, interfaces: impl Iterator<Item = I
     let listens_everywhere = listening.ip().is_unspecified();
     let interfaces = interfaces.filter(|ip| listens_everywhere && is_served(ip) && is_reachable(ip));
     let mut reachable: Vec<SocketAddr> = interfaces.map(|ip| SocketAddr::new(ip, listening.port())).collect();
-    // IPv4 first, whose addresses are shorter.
+    // IPv4 first, because its addresses are shorter.
     reachable.sort();
     if reachable.is_empty() { vec![listening] } else { reachable }
 }
@@ -38,7 +38,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_addresses_of_a_machine_are_named_where_all_are_served() {
+    fn all_served_addresses_of_a_machine_are_named() {
         let interfaces =
             || ["127.0.0.1", "::1", "fe80::1", "2001:db8::7", "192.168.0.7"].into_iter().map(|ip| ip.parse().unwrap());
         let reachable = |listening: &str| {
@@ -54,7 +54,7 @@ mod tests {
     }
 
     #[test]
-    fn a_code_holds_an_address_with_its_token() {
+    fn a_code_contains_the_address_with_its_token() {
         let code = qr_code("http://192.168.100.200:65535/#token=0123456789abcdef0123456789abcdef").unwrap();
         assert!(code.lines().count() < 24 && code.contains('█'), "{code}");
     }

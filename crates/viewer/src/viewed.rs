@@ -1,4 +1,4 @@
-//! Scene to view, and what the page is told of it.
+//! Scene to view, and its description for the page.
 
 use crate::{
     ViewerError,
@@ -36,8 +36,8 @@ pub struct ViewedScene {
 }
 
 impl ViewedScene {
-    /// Scene of a model, with its cameras, its orientation and the background of its training;
-    /// without photographs.
+    /// Scene of a model, with its cameras, orientation and background of the training, without
+    /// photographs.
     ///
     /// # Errors
     ///
@@ -55,7 +55,7 @@ impl ViewedScene {
         })
     }
 
-    /// Prepares requests of pictures: `load` puts the scene, which is rounded to a storage, on an
+    /// Prepares requests of pictures: `load` uploads the scene, rounded to its storage, to an
     /// executor.
     ///
     /// # Errors
@@ -94,7 +94,7 @@ impl ViewedScene {
     }
 }
 
-/// Scene on an executor, its lights, and its description, which does not change.
+/// Scene on an executor, its lights, and its constant description.
 #[derive(Debug)]
 pub(crate) struct PreparedScene {
     pub(crate) worker: RenderWorker,
@@ -102,7 +102,7 @@ pub(crate) struct PreparedScene {
     pub(crate) description: Value,
 }
 
-/// Description of a scene with its lights and the light that the page starts with.
+/// Description of a scene with its lights and the first light of the page.
 pub(crate) fn described(description: &Value, lights: &Lights, setup: &LightSetup) -> Value {
     let mut description = description.clone();
     description["lights"] = lights.labels().iter().map(Label::json).collect();
@@ -110,7 +110,7 @@ pub(crate) fn described(description: &Value, lights: &Lights, setup: &LightSetup
     description
 }
 
-/// Names of the layers that the scene has, as the page lists them.
+/// Names of the scene's layers, for the page.
 fn layers(scene: &Scene, views: &Views) -> Vec<Value> {
     let (layout, form) = (scene.gaussians.layout, scene.shading_model.shading.form);
     let forms = [Some(form), layout.is_physical.then_some(ShadingForm::Physical)];

@@ -33,7 +33,7 @@ const BLOCKING_THREADS: usize = 4;
 /// Options of a viewer.
 #[derive(Clone, Debug)]
 pub struct ViewerOptions {
-    /// Address to listen at; port 0 stands for any free port.
+    /// Address to listen at; port 0 selects any free port.
     pub address: SocketAddr,
     /// Access token. Without one, requests to a loopback address need none, and a random token is
     /// generated for all other addresses.
@@ -43,7 +43,7 @@ pub struct ViewerOptions {
 }
 
 impl ViewerOptions {
-    /// Address of a viewer by default: `127.0.0.1:7008`.
+    /// Default address of a viewer: `127.0.0.1:7008`.
     pub const DEFAULT_ADDRESS: SocketAddr = SocketAddr::new(core::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 7008);
 }
 
@@ -54,12 +54,12 @@ impl Default for ViewerOptions {
     }
 }
 
-/// Light that was added to a viewer.
+/// Light added to a viewer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AddedLight {
     /// Identifier, counted from 1.
     pub id: u32,
-    /// Warnings about its contents, such as numbers that are no radiance.
+    /// Warnings about its contents, such as invalid radiance.
     pub warnings: Vec<String>,
 }
 
@@ -75,8 +75,8 @@ pub struct Viewer {
 }
 
 impl Viewer {
-    /// Binds the address, loads the scene on its executor and starts to render on a thread. Nothing
-    /// is served before [`Viewer::serve`] or [`Viewer::spawn`].
+    /// Binds the address, loads the scene on its executor and starts the render thread. Nothing is
+    /// served before [`Viewer::serve`] or [`Viewer::spawn`].
     ///
     /// # Errors
     ///
@@ -90,8 +90,8 @@ impl Viewer {
         Self::with_renderer(options, viewed, live, load)
     }
 
-    /// Viewer on the renderer of the caller: `load` puts the scene, which is rounded to the storage
-    /// of `options`, on an executor.
+    /// Viewer on the caller's renderer: `load` uploads the scene, rounded to the storage of
+    /// `options`, to an executor.
     ///
     /// # Errors
     ///
@@ -105,7 +105,7 @@ impl Viewer {
         if SystemTime::now() < SystemTime::UNIX_EPOCH {
             return Err(ViewerError::Clock);
         }
-        // The address comes first, since loading takes long.
+        // The address is bound first, because loading takes long.
         let runtime = Builder::new_current_thread().enable_all().max_blocking_threads(BLOCKING_THREADS).build();
         let runtime = runtime.map_err(ViewerError::Runtime)?;
         let listener = runtime.block_on(listen(options.address))?;
@@ -133,11 +133,12 @@ impl Viewer {
         Ok(AddedLight { id: label.id, warnings })
     }
 
-    /// Lets the page start with a light, unless an address names another; the first call counts.
+    /// Sets the first light of the page, unless the address names another; only the first call has
+    /// an effect.
     ///
     /// # Errors
     ///
-    /// Numbers that no request may contain; suns or lamps on a scene without physical materials.
+    /// Numbers out of range; suns or lamps on a scene without physical materials.
     pub fn start_under(&self, setup: LightSetup) -> Result<(), ViewerError> {
         if setup.has_lamps() && self.state.description["physical"] != true {
             return Err(SceneError::NoMaterials.into());
@@ -147,13 +148,13 @@ impl Viewer {
         Ok(())
     }
 
-    /// URLs of the page, with the token in their fragment: one for each network interface where the
+    /// URLs of the page, with the token in their fragment: one for each network interface if the
     /// viewer listens at the unspecified address.
     pub fn urls(&self) -> Vec<String> {
         url::urls(self.address, self.state.guard.token())
     }
 
-    /// QR code of the first URL in lines of text; none for a viewer on the loopback interface.
+    /// QR code of the first URL in lines of text; `None` for a viewer on the loopback interface.
     pub fn qr_code(&self) -> Option<String> {
         if self.address.ip().is_loopback() {
             return None;
@@ -165,14 +166,14 @@ impl Viewer {
     ///
     /// # Errors
     ///
-    /// A server that ended by itself.
+    /// A server that ended unexpectedly.
     pub fn serve(self, is_stopped: impl Fn() -> bool) -> Result<(), ViewerError> {
         let Self { state, runtime, listener, upload_folder: _upload_folder, .. } = self;
         runtime.block_on(serve(listener, state, is_stopped))
     }
 
-    /// Serves on a thread until `is_stopped` returns true, so that a training continues meanwhile.
-    /// An error of the server is logged.
+    /// Serves on a thread until `is_stopped` returns true, while a training continues. An error of
+    /// the server is logged.
     pub fn spawn(self, is_stopped: impl Fn() -> bool + Send + 'static) -> ViewerThread {
         let Self { state, runtime, listener, upload_folder, .. } = self;
         let thread = thread::spawn(move || {
@@ -186,8 +187,8 @@ impl Viewer {
 
 /// Viewer that serves on a separate thread.
 ///
-/// The thread lives on when this is dropped, and only the folder of uploaded lights is removed: a
-/// program that ends does not wait for its viewer.
+/// Dropping this does not stop the thread and only removes the folder of uploaded lights: a program
+/// that ends does not wait for its viewer.
 #[derive(Debug)]
 pub struct ViewerThread {
     thread: JoinHandle<()>,

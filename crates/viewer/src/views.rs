@@ -1,4 +1,4 @@
-//! Views of the data set, and their photographs, which are read when they are first compared.
+//! Views of the data set, and their photographs, which are read on first use.
 
 use crate::{ViewerError, request::Pose};
 use serde_json::{Value, json};
@@ -10,15 +10,15 @@ use specula_io::{
 use specula_train::view::View;
 use std::path::PathBuf;
 
-/// Largest number of photographs in memory: those that were compared last.
+/// Maximum number of photographs in memory: the last ones used.
 const CACHED_MAX: usize = 4;
 
-/// Data set that photographs are read from.
+/// Data set of the photographs.
 #[derive(Clone, Debug)]
 pub struct PhotographSource {
     /// Folder of the data set.
     pub folder: PathBuf,
-    /// Options of the training, which tell the held-out views from the others.
+    /// Options of the training, which determine the held-out views.
     pub options: LoadOptions,
 }
 
@@ -43,7 +43,7 @@ impl Views {
         self.cameras.get(index).map(|(_, camera)| *camera)
     }
 
-    /// Cameras of the training; all where all are held out.
+    /// Cameras of the training; all if all are held out.
     pub(crate) fn training_cameras(&self) -> Vec<Camera> {
         let held_out = if self.held_out < self.cameras.len() { self.held_out } else { 0 };
         self.cameras[held_out..].iter().map(|(_, camera)| *camera).collect()
@@ -54,7 +54,7 @@ impl Views {
         self.cameras.get(index).map_or("", |(name, _)| name)
     }
 
-    /// Whether the views have photographs to compare with.
+    /// True if the views have photographs to compare with.
     pub(crate) fn has_photographs(&self) -> bool {
         self.source.is_some() && !self.cameras.is_empty()
     }
@@ -98,7 +98,7 @@ impl Views {
         let read = dataset::load_one(folder, options, is_held_out, index_in_split)?;
         let mut view = read.ok_or_else(|| {
             let name = self.name(index);
-            ViewerError::Request(format!("{folder:?} has no photograph of view {name:?} any more"))
+            ViewerError::Request(format!("{folder:?} no longer has a photograph of view {name:?}"))
         })?;
         if [view.image.width, view.image.height] != [width, height] {
             view.image = view.image.resized(width, height);
@@ -107,7 +107,7 @@ impl Views {
         Ok(View { name: view.name, camera: view.camera, rgba: view.image.rgba, normals: None })
     }
 
-    /// Views as the page reads them.
+    /// Views for the page.
     pub(crate) fn json(&self) -> Vec<Value> {
         let view = |(index, (name, camera)): (usize, &NamedCamera)| {
             let mut json = camera_json(camera);
@@ -119,8 +119,8 @@ impl Views {
     }
 }
 
-/// Camera as the page reads it, with the horizontal field of view in degrees; focal lengths and the
-/// principal point as fractions of width and height.
+/// Camera for the page: horizontal field of view in degrees; focal lengths and principal point as
+/// fractions of width and height.
 pub(crate) fn camera_json(camera: &Camera) -> Value {
     let angle = 2.0 * (0.5 * camera.width as f32 / camera.focal_px[0]).atan();
     let size = [camera.width, camera.height].map(|edge| edge as f32);

@@ -25,19 +25,19 @@ use specula_scene::{
 use specula_train::evaluate::{mean_squared_error, over_background};
 use std::sync::Arc;
 
-/// Filtered lights in memory: several clients may each use another.
+/// Filtered lights in memory, for several clients with different lights.
 const SLOTS: usize = 6;
-/// Error that is shown in the brightest colour, of a range of 1.
+/// Error that maps to the brightest colour, on a scale from 0 to 1.
 const ERROR_SHOWN_MAX: f32 = 0.25;
 
-/// Picture that a request describes, before it is rendered.
+/// Picture of a request before rendering.
 #[derive(Debug)]
 pub(crate) struct PlannedPicture {
     pub(crate) camera: Camera,
     /// Slot of its light in the renderer.
     pub(crate) slot: usize,
     pub(crate) rules: RenderRules,
-    /// Index of the view of the data set that it shows.
+    /// Index of the view of the data set.
     view: Option<usize>,
     layer: Layer,
 }
@@ -46,9 +46,9 @@ pub(crate) struct PlannedPicture {
 #[derive(Debug)]
 pub(crate) struct Frame {
     pub(crate) picture: RgbImage,
-    /// Name of the view of the data set that it shows.
+    /// Name of the view of the data set.
     pub(crate) view: Option<String>,
-    /// PSNR against the photograph in dB, where they were compared.
+    /// PSNR against the photograph in dB, if they were compared.
     pub(crate) psnr: Option<f64>,
     /// Point of the scene at the requested position.
     pub(crate) point: Option<[f32; 3]>,
@@ -61,23 +61,23 @@ struct FilteredLight {
     slot: usize,
     /// Plans of view-dependent colours.
     of_view: [Plan; 3],
-    /// Plans of physical materials; those of view-dependent colours where there are none.
+    /// Plans of physical materials; those of view-dependent colours if there are none.
     of_materials: [Plan; 3],
-    /// Lamps beside the light.
+    /// Lamps in addition to the light.
     lamps: Option<SceneLamps>,
 }
 
 /// Surface that casts the shadows of lamps.
 #[derive(Debug)]
 enum ShadowSurface {
-    /// Surface of the scene; none where there is none.
+    /// Surface of the scene, if there is one.
     Known(Option<Arc<Surface>>),
-    /// Gaussians of which it is still to be fused.
+    /// Gaussians to fuse into the surface on first use.
     Unfused(Gaussians<Vec<f32>>),
 }
 
 impl ShadowSurface {
-    /// Near field of a scene; its Gaussians, where it has none and lamps can shine on it.
+    /// Near field of a scene; without one, its Gaussians if lamps can light it.
     fn of(scene: &Scene) -> Self {
         match &scene.near_field {
             None if scene.gaussians.layout.is_physical => Self::Unfused(scene.gaussians.clone()),
@@ -97,7 +97,7 @@ pub(crate) struct RenderWorker {
     layout: Layout,
     shading_model: ShadingModel,
     needs: Needs,
-    /// Whether there is a surface that reflected rays may meet.
+    /// True if there is a surface that reflected rays may hit.
     has_surface: bool,
     shadow_surface: ShadowSurface,
     lights: Arc<Lights>,
@@ -110,7 +110,7 @@ pub(crate) struct RenderWorker {
 }
 
 impl RenderWorker {
-    /// Worker for a scene, rounded to its storage, on the renderer that `load` puts it on.
+    /// Worker for a scene, rounded to its storage, on the renderer that `load` returns.
     ///
     /// # Errors
     ///
@@ -145,7 +145,7 @@ impl RenderWorker {
         })
     }
 
-    /// Leaves a scene without a surface without shadows, where the renderer cannot fuse one.
+    /// Disables shadows of a scene without a surface, if the renderer cannot fuse one.
     pub(crate) fn cast_known_shadows(&mut self) {
         if let ShadowSurface::Unfused(_) = self.shadow_surface {
             self.shadow_surface = ShadowSurface::Known(None);
@@ -164,10 +164,10 @@ impl RenderWorker {
         Ok(())
     }
 
-    /// Filters the scene's own light before the first request, since the first filter takes
+    /// Filters the scene's own light before the first request, because the first filter takes
     /// longest.
     pub(crate) fn warm_up(&mut self) {
-        // Errors are repeated in the response to the first request.
+        // The first request reports errors again.
         let _ = self.filtered(OF_SCENE);
     }
 
@@ -255,13 +255,13 @@ impl RenderWorker {
         }
     }
 
-    /// Whether a layer shows physical materials: by default these show themselves and light that is
-    /// not that of the training.
+    /// True if a layer shows physical materials: by default their own layers, and any layer under a
+    /// light other than that of the training.
     fn shows_materials(&self, layer: Layer, request: &FrameRequest) -> Result<bool, ViewerError> {
         let is_physical = self.layout.is_physical;
         if !is_physical && !request.lamps.is_dark() {
             let message =
-                format!("{}, on which suns and lamps can shine; train it with --relightable", SceneError::NoMaterials);
+                format!("{}, so suns and lamps cannot light it; train it with --relightable", SceneError::NoMaterials);
             return Err(ViewerError::Request(message));
         }
         match request.shading {
@@ -287,7 +287,7 @@ impl RenderWorker {
         let slot = *slot;
         let is_known = lamps.as_ref().is_none_or(|lamps| known.as_ref().is_some_and(|known| is_same(known, lamps)));
         if let Some(lamps) = lamps.filter(|_| !is_known) {
-            // Without its lamps the slot is not in use any more.
+            // Without its lamps the slot is unused.
             let mut filtered = self.filtered.pop().expect("it was used last");
             self.renderer.add_lamps(slot, &lamps)?;
             filtered.lamps = Some(lamps);
@@ -296,7 +296,7 @@ impl RenderWorker {
         Ok((slot, rules))
     }
 
-    /// Lamps of a request, with the surface that casts their shadows; none where no lamps shine.
+    /// Lamps of a request, with the shadow-casting surface; `None` without lamps.
     fn lamps(&mut self, request: &FrameRequest) -> Result<Option<SceneLamps>, ViewerError> {
         let LampSetting { rays, .. } = request.lamps;
         if request.lamps.is_dark() {
@@ -306,19 +306,19 @@ impl RenderWorker {
         Ok(Some(SceneLamps { lamps: request.lamps.lamps(self.lights.up(), request.light.turn), rays, occluder }))
     }
 
-    /// Surface that casts shadows, which is fused on first use where the scene has none.
+    /// Shadow-casting surface, fused on first use if the scene has none.
     fn occluder(&mut self) -> Result<Option<Arc<Surface>>, ViewerError> {
         let gaussians = match &self.shadow_surface {
             ShadowSurface::Known(surface) => return Ok(surface.clone()),
             ShadowSurface::Unfused(gaussians) => gaussians,
         };
-        tracing::info!("fusing views into the surface that casts shadows");
+        tracing::info!("fusing views into the shadow-casting surface");
         let surface = fused_surface(&mut self.renderer, gaussians, &self.views.training_cameras(), |_, _| ())?;
         self.shadow_surface = ShadowSurface::Known(surface.clone());
         Ok(surface)
     }
 
-    /// Light of a setting; none for a scene that does not look it up.
+    /// Light of a setting; `None` for a scene without light lookups.
     fn light(&self, setting: LightSetting) -> Result<Option<Cube>, ViewerError> {
         if self.lights.turns_network(setting) {
             return Err(ViewerError::Request(
@@ -329,7 +329,7 @@ impl RenderWorker {
         Ok(light.filter(|_| self.layout.is_shaded()))
     }
 
-    /// Filtered light of a setting, from its slot or filtered anew.
+    /// Filtered light of a setting, from its slot or newly filtered.
     fn filtered(&mut self, setting: LightSetting) -> Result<&FilteredLight, ViewerError> {
         let filtered = match self.filtered.iter().position(|filtered| filtered.setting == setting) {
             Some(index) => self.filtered.remove(index),
@@ -340,22 +340,22 @@ impl RenderWorker {
     }
 
     fn filter(&mut self, setting: LightSetting) -> Result<FilteredLight, ViewerError> {
-        // Lamps shine beside a light, and be it black.
+        // Lamps need a light; use a black one if the scene has none.
         let darkness = || self.layout.is_physical.then(|| self.lights.darkness());
         let cube = self.light(setting)?.or_else(darkness);
         let materials = if self.layout.is_physical { Shading::Physical } else { Shading::View };
         let [of_view, of_materials] =
             [Shading::View, materials].map(|shading| self.plans(cube.as_ref(), self.shading_model.shaded(shading)));
         let slot = self.free_slot();
-        // Levels of either shading.
-        let of_layers = of_materials[CHANNELS.len() - 1].illuminated(self.layout.is_physical).rules;
-        if let Some(cube) = cube.filter(|_| of_layers.is_lit) {
-            self.renderer.set_light(slot, &fitting(&cube, self.shading_model.scheme), &of_layers)?;
+        // Levels of both shadings.
+        let layer_rules = of_materials[CHANNELS.len() - 1].illuminated(self.layout.is_physical).rules;
+        if let Some(cube) = cube.filter(|_| layer_rules.is_lit) {
+            self.renderer.set_light(slot, &fitting(&cube, self.shading_model.scheme), &layer_rules)?;
         }
         Ok(FilteredLight { setting, slot, of_view, of_materials, lamps: None })
     }
 
-    /// Free slot; without one, that of the light that was not used for longest.
+    /// Free slot, else that of the least recently used light.
     fn free_slot(&mut self) -> usize {
         if self.filtered.len() == SLOTS {
             return self.filtered.remove(0).slot;
@@ -388,7 +388,7 @@ impl RenderWorker {
     }
 }
 
-/// Whether two sets of lamps are the same, shadows included.
+/// True if two sets of lamps are equal, including shadows.
 fn is_same(one: &SceneLamps, other: &SceneLamps) -> bool {
     let surface = |lamps: &SceneLamps| lamps.occluder.as_ref().map(Arc::as_ptr);
     one.lamps == other.lamps && one.rays == other.rays && surface(one) == surface(other)
@@ -401,7 +401,7 @@ fn fitted(camera: Camera, [width, height]: [u32; 2]) -> Camera {
     camera.resized(width, height)
 }
 
-/// Point of the scene at a position of a picture of depths; none where the coverage is below 0.5.
+/// Point of the scene at a position of a depth picture; `None` if the coverage is below 0.5.
 fn point_at(image: &Image<Vec<f32>>, camera: &Camera, at: [f32; 2]) -> Option<[f32; 3]> {
     const COVERAGE_MIN: f32 = 0.5;
     let size = [camera.width, camera.height].map(|edge| edge as f32);
@@ -423,11 +423,11 @@ fn no_view(index: usize) -> ViewerError {
 }
 
 fn no_light(id: u32) -> ViewerError {
-    ViewerError::Request(format!("light {id} was replaced by later ones; upload it again"))
+    ViewerError::Request(format!("light {id} has been replaced by later ones; upload it again"))
 }
 
 fn no_photographs() -> ViewerError {
-    ViewerError::Request("there are no photographs to compare with: the data set of the scene is not known".into())
+    ViewerError::Request("no photographs to compare with: the data set of the scene is unknown".into())
 }
 
 #[cfg(test)]
@@ -517,7 +517,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_under_lamps_are_those_of_the_renderer_to_the_last_bit() {
+    fn pictures_under_lamps_equal_those_of_the_renderer_to_the_last_bit() {
         let plain = scene();
         let near_field = surface(&plain);
         assert!(near_field.is_some(), "the floor and the ball are seen");
@@ -535,14 +535,14 @@ mod tests {
                 assert_eq!(picture, expected(&scene, other), "{other}");
                 assert_ne!(picture, sunny, "{other}");
             }
-            assert_eq!(shown(&mut worker, sun), sunny, "whatever was asked for between");
+            assert_eq!(shown(&mut worker, sun), sunny, "independent of requests in between");
             assert_eq!(shown(&mut worker, ""), before, "and nothing is left of lamps");
             assert_eq!(worker.filtered.len(), 1, "the light is filtered once");
         }
     }
 
     #[test]
-    fn lamps_shine_in_darkness_and_cast_shadows() {
+    fn lamps_without_another_light_cast_shadows() {
         let mut scene = scene();
         let mut worker = worker(&scene);
         let dark = shown(&mut worker, "&light=none");
@@ -574,7 +574,7 @@ mod tests {
     }
 
     #[test]
-    fn lamps_are_refused_without_materials() {
+    fn lamps_without_materials_are_an_error() {
         let mut scene = scene();
         let layout = Layout::shaded(None);
         let mut gaussians = Gaussians { count: 16, layout, values: vec![0.0; len_of_values(16, layout)] };

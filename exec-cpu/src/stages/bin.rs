@@ -20,18 +20,18 @@ use specula_core::{
     splat::Footprint,
 };
 
-/// Tiles of a picture and the splats that they hold.
+/// Tiles of a picture and their splats.
 ///
-/// An *intersection* is one splat in one tile. Intersections are emitted Gaussian by Gaussian, and
-/// lie in memory tile by tile, each tile sorted by depth and ties by the order of the Gaussians.
+/// An *intersection* is one splat in one tile. Intersections are emitted Gaussian by Gaussian and
+/// stored tile by tile, each tile sorted by depth and ties by the order of the Gaussians.
 #[derive(Debug)]
 pub struct Tiles {
-    /// The tiles that hold any splat.
+    /// Tiles with at least one splat.
     pub(crate) cover: Cover,
     /// First intersection of each tile, and one past the last.
     starts: Buffer<u32>,
-    /// Gaussian of each intersection. Atomic because threads fill it at places that no slice
-    /// divides; a load is a plain load.
+    /// Gaussian of each intersection. Atomic because threads write to it at scattered positions; a
+    /// load is a plain load.
     gaussians: Buffer<AtomicU32>,
     /// First emission of each Gaussian, and one past the last.
     pub(crate) emissions: Buffer<u32>,
@@ -71,7 +71,7 @@ impl Tiles {
     }
 }
 
-/// Gaussians that one task takes.
+/// Gaussians per task.
 const GAUSSIANS_AT_ONCE: usize = 1024;
 /// Parts of the Gaussians that are sorted into tiles at once. A stable sort does not depend on it.
 const SORT_PARTS: usize = 16;
@@ -178,8 +178,8 @@ fn row_range(record: &SplatRecord, rows: u32) -> RowRange {
     RowRange { first_span: 0, first, count: end.saturating_sub(first) }
 }
 
-/// The columns that each splat of a block touches in each of its rows, and how many tiles those
-/// are. `spans` begin with span `first_span`.
+/// Columns that each splat of a block touches in each of its rows, and the number of these tiles.
+/// `spans` begin with span `first_span`.
 #[inline(always)]
 fn spread_block<S: Simd>(
     simd: S,
@@ -220,7 +220,7 @@ fn spread_block<S: Simd>(
     }
 }
 
-/// Footprints of a block, and half their widths; arbitrary values behind the last.
+/// Footprints of a block, and half their widths; arbitrary values after the last.
 #[inline(always)]
 fn footprints<S: Simd>(simd: S, records: &[SplatRecord]) -> (Footprint<Lanes<S>>, Lanes<S>) {
     let mut numbers = [[0.0; BLOCK]; 7];

@@ -29,7 +29,7 @@ use specula_core::{
     scene::BLOCK,
 };
 
-/// The most channels that a splat can have.
+/// Maximum number of channels of a splat.
 pub(crate) const CHANNELS_MAX: usize = Channels::Layers.count();
 
 /// Calls a function that is generic over the number of channels.
@@ -141,8 +141,8 @@ fn blend_tile<S: Simd, const C: usize, T: BatchedSplat>(
     }
 }
 
-/// Blends some splats into a quad, one after the other; returns a bit for each that was seen by a
-/// pixel that had not ended. The quad stays in registers meanwhile.
+/// Blends splats into a quad, one after the other; returns a bit for each that is visible in an
+/// active pixel. The quad stays in registers.
 #[inline(always)]
 fn blend_quad<S: Simd, const C: usize>(
     simd: S,
@@ -172,7 +172,7 @@ fn blend_quad<S: Simd, const C: usize>(
         splats &= splats - 1;
         let strength = batch.log2_strength(simd, k, centers);
         let Composite { weight, behind } = cutoffs.step(cutoffs.alpha(strength), state);
-        // Without a branch, which would be hard to predict.
+        // Branchless, because a branch would be hard to predict.
         seen |= u64::from((alive & cutoffs.passes_alpha_test(strength)).bits() != 0) << k;
         alive = cutoffs.is_active(behind.transmittance);
         state = behind;
@@ -203,7 +203,7 @@ fn transpose_back<S: Simd>(simd: S, splats: &[u64; QUADS], quads: &mut [u16]) {
 
 pub(crate) use with_channels;
 
-/// Bits that a lane holds.
+/// Bits of a lane.
 const HALF_BITS: usize = 32;
 
 #[inline(always)]

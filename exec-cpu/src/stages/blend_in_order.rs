@@ -1,13 +1,12 @@
 //! Tiles to a picture, each pixel in its own order ([`specula_core::cutoffs::BlendOrder`]).
 //!
 //! A tile's list is in the order of means. For a batch of its splats at a time, a vector holds the
-//! alphas and the depths of a splat in a quad; each pixel inserts those that it sees into its own
-//! sorted buffer. Splats are released from the front of a buffer: within a window as soon as it is
-//! full; in the exact order, where they are in front of a lower bound of all depths that are still
-//! to come, so that pixels end as early as they can. Released splats are composited side by side
-//! in the lanes of the quad. Their weights are kept, and channels are summed in the order of the
-//! list, one vector for a splat, as in [`mod@crate::stages::blend`]: a window of one gives the same
-//! bits.
+//! alphas and the depths of a splat in a quad; each pixel inserts its visible splats into a sorted
+//! buffer. Splats are released from the front of a buffer: within a window as soon as it is full;
+//! in the exact order, if they are in front of a lower bound of all remaining depths, so pixels end
+//! as early as possible. Released splats are composited side by side in the lanes of the quad.
+//! Their weights are kept, and channels are summed in the order of the list, one vector for a
+//! splat, as in [`mod@crate::stages::blend`]: a window of one gives the same bits.
 
 use crate::{
     frame::{Bits, QUADS, Quad},
@@ -27,7 +26,7 @@ use specula_core::{
     scene::BLOCK,
 };
 
-/// Splats of a tile, whose order differs from pixel to pixel.
+/// Splats of a tile, in a different order for each pixel.
 pub(crate) struct Ordered<'a, T> {
     pub(crate) splats: &'a [T],
     pub(crate) responses: &'a [ResponseRecord],
@@ -59,7 +58,7 @@ impl<T: BatchedSplat> Ordered<'_, T> {
     }
 }
 
-/// Splat that is visible in a pixel.
+/// Visible splat of a pixel.
 #[derive(Clone, Copy)]
 struct Hit {
     /// Depth of its largest response.
@@ -69,12 +68,12 @@ struct Hit {
     position: u32,
 }
 
-/// Splats of a pixel that wait for their turn, and those whose turn has come.
+/// Waiting and released splats of a pixel.
 #[derive(Default)]
 struct Waiting {
     /// Sorted in a window, otherwise in the order of the list.
     hits: Vec<Hit>,
-    /// Least depth among them, or less.
+    /// Lower bound of their depths.
     nearest: f32,
     /// Next splats to blend, nearest first.
     released: Vec<Hit>,
@@ -95,7 +94,7 @@ impl Waiting {
         self.nearest = if self.hits.is_empty() { hit.depth } else { self.nearest.min(hit.depth) };
         self.hits.push(hit);
     }
-    /// Releases all splats that are not behind `depth`, the least depth still to come.
+    /// Releases all splats that are not behind `depth`, a lower bound of the remaining depths.
     #[inline(always)]
     fn release_before(&mut self, depth: f32) {
         if self.hits.is_empty() || self.nearest > depth {
@@ -123,7 +122,7 @@ impl Waiting {
 }
 
 /// Blends the splats of a tile; writes to `seen`, splat by splat, a bit for each quad in which it
-/// was seen.
+/// is visible.
 pub(crate) fn blend_in_order<T: BatchedSplat>(
     level: Level,
     ordered: &Ordered<'_, T>,
@@ -197,7 +196,7 @@ fn blend_tile<S: Simd, T: BatchedSplat>(simd: S, ordered: &Ordered<'_, T>, pixel
     }
 }
 
-/// Lower bound of the depths of all splats behind each batch of a list; infinite behind the last.
+/// Lower bound of the depths of all splats after each batch of a list; infinite after the last.
 #[inline(always)]
 fn least_after_batches<S: Simd, B>(simd: S, batches: &[Batch<B>], len: usize) -> Vec<f32> {
     let mut after = vec![f32::INFINITY; batches.len()];
@@ -209,7 +208,7 @@ fn least_after_batches<S: Simd, B>(simd: S, batches: &[Batch<B>], len: usize) ->
     after
 }
 
-/// A quad whose splats are blended.
+/// A quad during blending.
 struct Turn<'a, S: Simd> {
     quad: usize,
     /// Weights of each splat of the list in the quad.
@@ -219,7 +218,7 @@ struct Turn<'a, S: Simd> {
 }
 
 impl<S: Simd> Turn<'_, S> {
-    /// Blends the splats whose turn has come, one of each pixel at a time.
+    /// Blends the released splats, one of each pixel at a time.
     #[inline(always)]
     fn blend(&mut self, simd: S, waiting: &mut [Waiting; BLOCK], cutoffs: &Cutoffs) {
         let rounds = waiting.iter().map(|waiting| waiting.released.len()).max().unwrap_or(0);

@@ -1,7 +1,7 @@
 //! Gradients of splats and their channels: tiles are replayed front to back, a quad at a time.
 //!
-//! Each splat visits the quads in which the forward pass found it visible, and the lanes of all its
-//! gradients are summed at once, neighbours folded pairwise.
+//! Each splat visits the quads in which it was visible in the forward pass, and the lanes of all
+//! its gradients are summed at once, with neighbours added pairwise.
 
 use crate::{
     buffer::Buffer,
@@ -27,7 +27,7 @@ use specula_core::{
     splat::{Splat2d, SplatGrad},
 };
 
-/// Splats that are replayed at once: fewer than in the forward pass, for each keeps more state.
+/// Splats that are replayed at once: fewer than in the forward pass, because each needs more state.
 const REPLAYED_AT_ONCE: usize = 32;
 
 /// Gradient of each splat and of its channels.
@@ -62,7 +62,7 @@ impl SplatGrads {
         &self.values
     }
     /// The gradient of one channel of one Gaussian: by linearity the sum over all pixels of the
-    /// pixel's gradient, times the share that the Gaussian has of the pixel.
+    /// pixel's gradient times the Gaussian's weight in it.
     pub fn of_channel(&self, gaussian: usize, channel: usize) -> f32 {
         self.block(gaussian / BLOCK)[(GEOMETRY + channel) * BLOCK + gaussian % BLOCK]
     }
@@ -73,8 +73,8 @@ impl SplatGrads {
     }
 }
 
-/// Some splats of a tile and their channels, side by side. Reading them all before the first is
-/// used lets the waits for memory overlap.
+/// Some splats of a tile and their channels, side by side. Reading all of them before the first use
+/// overlaps the memory latencies.
 struct Near<const C: usize> {
     records: [SplatRecord; REPLAYED_AT_ONCE],
     colors: [[f32; C]; REPLAYED_AT_ONCE],
@@ -172,8 +172,8 @@ fn sum_slots_of<const C: usize>(gaussian: usize, count: usize, slots: &[f32], ti
     }
 }
 
-/// Writes the slots of all splats, zeros for those that passed no alpha test, so that sums need no
-/// mask.
+/// Writes the slots of all splats, zeros for those that never passed the alpha test, so sums need
+/// no mask.
 #[inline(always)]
 fn blend_tile_vjp<S: Simd, const C: usize>(
     simd: S,
@@ -208,7 +208,7 @@ fn blend_tile_vjp<S: Simd, const C: usize>(
     }
 }
 
-/// Replays one splat over the quads in which it was seen and writes its gradient. `weights` is
+/// Replays one splat over the quads in which it was visible and writes its gradient. `weights` is
 /// scratch memory.
 #[inline(always)]
 fn splat_vjp<S: Simd, const C: usize>(
@@ -242,8 +242,7 @@ fn splat_vjp<S: Simd, const C: usize>(
         weight.store(&mut weights[index]);
         moments = moments.with(log_strength, offset);
     }
-    // Channels in a loop of their own: there are too many sums to keep all of them in registers at
-    // once.
+    // Channels in a separate loop, because not all sums fit into registers.
     let mut grad_colors = [zero; C];
     for index in Bits(seen) {
         let weight = Lanes::load(simd, &weights[index]);
@@ -304,7 +303,7 @@ struct ReplayQuad {
     remaining: Quad,
 }
 
-/// Pixels before their first splat: Σ g · C + g_T · T is what [`Replay::remaining`] starts with.
+/// Pixels before their first splat: Σ g · C + g_T · T is the initial [`Replay::remaining`].
 #[inline(always)]
 fn replays_at_start<S: Simd, const C: usize>(simd: S, pixels: &[Quad], grad: &[Quad]) -> [ReplayQuad; QUADS] {
     let mut replays = [ReplayQuad { transmittance: [1.0; BLOCK], remaining: [0.0; BLOCK] }; QUADS];

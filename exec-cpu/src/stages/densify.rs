@@ -120,8 +120,8 @@ fn decide_all(
     actions
 }
 
-/// Limits the count to `count_max`: of all Gaussians that would grow, only those with the largest
-/// gradients do.
+/// Limits the count to `count_max`: of all candidates for cloning and splitting, only those with
+/// the largest gradients are refined.
 fn limit_growth(actions: &mut [Action], statistics: &Statistics<Vec<f32>>, count_max: usize) {
     let kept = actions.iter().filter(|action| **action != Action::Prune).count();
     let growth_max = count_max.saturating_sub(kept);
@@ -135,8 +135,8 @@ fn limit_growth(actions: &mut [Action], statistics: &Statistics<Vec<f32>>, count
     growing[growth_max..].iter().for_each(|index| actions[*index] = Action::Keep);
 }
 
-/// The Gaussians after densification: those that are kept in their order, then clones, then the
-/// children of split ones.
+/// The Gaussians after densification: kept ones in their order, then clones, then the children of
+/// split ones.
 fn children(actions: &[Action]) -> (Vec<Child>, DensifyReport) {
     let of = |wanted: Action| {
         actions.iter().enumerate().filter(move |(_, action)| **action == wanted).map(|(index, _)| index)

@@ -106,14 +106,14 @@ pub(crate) fn update(
     (nonfinite, scene.gaussian_light().map(|_| sum_parts(texels, from.texel_count(), parts.count)))
 }
 
-/// The most planes that a cloud can have.
+/// Maximum number of planes.
 const PLANES_MAX: usize = Layout::shaded(Some(3)).physical().antialiased().plane_count();
 
-/// Division of blocks among tasks.
+/// Distribution of blocks over tasks.
 struct BlockParts {
     /// Blocks of a part.
     blocks: usize,
-    /// Parts that have any.
+    /// Number of non-empty parts.
     count: usize,
 }
 
@@ -125,7 +125,7 @@ struct Backwards<'a> {
     grads: &'a SplatGrads,
     /// Gaussians.
     count: usize,
-    /// Whether gradients of shapes are used; steps of materials leave shapes at rest.
+    /// True if gradients of shapes are used; steps of materials do not change shapes.
     moves_shape: bool,
 }
 
@@ -170,7 +170,7 @@ impl Backwards<'_> {
 struct SplatGradLanes<S: Simd> {
     geometry: [Lanes<S>; GEOMETRY],
     channels: LayerChannels<Lanes<S>>,
-    /// Mask of Gaussians with a gradient that is not zero.
+    /// Mask of Gaussians with a nonzero gradient.
     is_touched: <Lanes<S> as Real>::Mask,
 }
 

@@ -31,7 +31,7 @@ const LEN: usize = DirectLight::<f32>::LEN;
 #[derive(Clone, Debug)]
 pub(crate) struct Lamps {
     lamps: Vec<LampRays>,
-    /// Points of a lamp that is wider than a point.
+    /// Points of an area lamp.
     spiral: Vec<[f32; 4]>,
     occluder: Option<Arc<NearField<Vec<f32>>>>,
     /// Irradiance / π of the occluder's vertices by reflected light; empty for none.
@@ -46,7 +46,7 @@ struct LampRays {
 }
 
 impl Lamps {
-    /// Lamps with this many shadow rays to each that is wider than a point.
+    /// Lamps with this number of shadow rays to each area lamp.
     ///
     /// # Errors
     ///
@@ -134,11 +134,11 @@ fn illuminate_tile<S: Simd>(
 struct Place<S: Simd> {
     column: Lanes<S>,
     row: Lanes<S>,
-    /// Coverage; zero where there is no surface.
+    /// Coverage; zero without a surface.
     coverage: Lanes<S>,
 }
 
-/// Light that other surfaces reflect onto the pixels of a quad.
+/// Interreflected light on the pixels of a quad.
 #[inline(always)]
 fn reflected_light<S: Simd>(
     simd: S,
@@ -164,7 +164,7 @@ fn reflected_light<S: Simd>(
     DirectLight::reflected(vec3(x, y, z))
 }
 
-/// Share of a lamp that the pixels of a quad see.
+/// Visible share of a lamp in the pixels of a quad.
 #[inline(always)]
 fn share_of<S: Simd>(
     occluder: &NearField<Vec<f32>>,

@@ -12,7 +12,7 @@ use specula_prefilter::encoded::EncodedTexels;
 
 /// Texels of a task. Gradients of weights are summed over each part, then over the parts in order.
 const PART: usize = 512;
-/// Weights whose parts a task sums.
+/// Weights per task in sums of parts.
 const WEIGHTS_AT_ONCE: usize = 512;
 
 /// Radiance of every kept texel into the nodes of the operator; the other nodes keep their values.

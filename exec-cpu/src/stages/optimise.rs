@@ -21,7 +21,7 @@ pub(crate) struct StepSize {
 }
 
 impl StepSize {
-    /// Whether any of these planes moves.
+    /// True if any of these planes has a learning rate.
     pub(crate) fn moves_any(&self, mut planes: core::ops::RangeInclusive<usize>) -> bool {
         planes.any(|plane| self.rates[plane] >= 0.0)
     }
@@ -40,8 +40,8 @@ pub(crate) fn add_all(sum: &mut [f32], terms: &[f32]) {
     sum.par_chunks_mut(CHUNK).zip(terms.par_chunks(CHUNK)).for_each(add);
 }
 
-/// One step for numbers in blocks of as many planes as there are rates; counts gradients that were
-/// skipped because they were not finite.
+/// One step for numbers in blocks with one rate per plane; counts gradients that were skipped
+/// because they were not finite.
 pub(crate) fn adam_blocks(
     context: &Context,
     values: &mut [f32],
@@ -96,7 +96,7 @@ pub(crate) fn adam_chunk<S: Simd>(
     nonfinite
 }
 
-/// One step for numbers that all have the same rate, however many there are.
+/// One step for numbers with the same rate.
 pub(crate) fn adam_all(
     context: &Context,
     values: &mut [f32],

@@ -30,11 +30,11 @@ pub struct Light {
     /// Inputs of the texels: the pyramid of the base's radiance, finest first, then the filtered
     /// rows.
     nodes: Buffer<Texel>,
-    /// Texels of a network, which takes the place of the pyramid; `None` for a cube map.
+    /// Texels of a network, which replaces the pyramid; `None` for a cube map.
     encoded: Option<Arc<EncodedTexels>>,
     /// Surface of the scene that reflected rays may hit.
     pub(crate) near_field: Option<Arc<NearField<Vec<f32>>>>,
-    /// Lamps in addition to the far light.
+    /// Lamps in addition to the distant light.
     pub(crate) lamps: Option<Arc<Lamps>>,
 }
 
@@ -62,12 +62,12 @@ impl Light {
     pub(crate) fn resolution(&self, level: usize) -> usize {
         self.operator.resolution(level)
     }
-    /// First texel of each level, and of the irradiance map behind them.
+    /// First texel of each level, and of the irradiance map after them.
     #[inline(always)]
     pub(crate) fn offsets(&self) -> &[usize] {
         self.operator.offsets()
     }
-    /// Number of the irradiance map, the last level if there is none behind it.
+    /// Index of the irradiance map; the last level if there is no separate one.
     #[inline(always)]
     pub(crate) fn irradiance_map(&self) -> usize {
         self.offsets().len() - 2
@@ -88,7 +88,7 @@ impl Light {
         };
         (0..FACE_COUNT * resolution * resolution).flat_map(|index| texel(index).into_iter().take(3)).collect()
     }
-    /// Puts texels that were filtered elsewhere into a level: with the apron, in the order of
+    /// Writes externally filtered texels to a level: with the apron, in the order of
     /// [`specula_core::cubemap::padded_index`].
     pub fn set_level(&mut self, level: usize, texels: impl IntoIterator<Item = [f32; 3]>) {
         let first = self.offsets()[level];
@@ -107,11 +107,11 @@ impl Light {
     pub fn texel_count(&self) -> usize {
         self.texels.len()
     }
-    /// Weights that it was filtered with; zero where there were too many to keep.
+    /// Number of its filter weights; zero if there were too many to store.
     pub fn weight_count(&self) -> usize {
         self.operator.rows().map_or(0, |rows| rows.forward.weights.len())
     }
-    /// Rounds every texel to a storage format, as other executors look it up.
+    /// Rounds every texel to a storage format, like other executors.
     pub fn round(&mut self, storage: Storage) {
         self.texels.iter_mut().for_each(|texel| *texel = storage.texel(*texel));
     }
@@ -123,7 +123,7 @@ impl Light {
     pub(crate) fn with_lamps(self, lamps: Lamps) -> Self {
         Self { lamps: Some(Arc::new(lamps)), ..self }
     }
-    /// Filters an environment. The operator fits its resolution.
+    /// Filters an environment with an operator for its resolution.
     pub(crate) fn new(context: &Context, operator: Arc<Operator>, environment: &Environment<Vec<f32>>) -> Self {
         let mut nodes = context.take::<Texel>(operator.node_count() + operator.row_count());
         for (node, rgb) in nodes.iter_mut().zip(environment.values.chunks_exact(3)) {
@@ -169,7 +169,7 @@ fn activate_vjp(activation: RadianceActivation, grad: &Texel, radiance: &Texel) 
     core::array::from_fn(|c| radiance_vjp(activation, radiance[c], grad[c]))
 }
 
-/// Computes the pyramid and the rows behind it from the radiance of the base, at the front.
+/// Computes the pyramid and the following rows from the radiance of the base at the front.
 fn filter(level: SimdLevel, operator: &Operator, nodes: &mut [Texel]) {
     let (nodes, rows) = nodes.split_at_mut(operator.node_count());
     for ([fine, coarse], reduction) in operator.reductions() {

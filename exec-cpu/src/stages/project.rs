@@ -35,7 +35,7 @@ pub struct SplatRecord {
     pub half_extent: [f32; 2],
 }
 
-/// A Gaussian on the screen, with the perspective inside of it.
+/// A Gaussian on the screen with its perspective.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct PerspectiveRecord {
     /// Centre, in pixels.
@@ -62,7 +62,7 @@ pub struct Splats {
     /// Records of all splats. If the projection is not affine, centre, root and half extent are
     /// those of the footprint.
     pub(crate) records: Buffer<SplatRecord>,
-    /// Splats as they are blended, if the projection is not affine.
+    /// Splats for blending, if the projection is not affine.
     pub(crate) in_perspective: Option<Buffer<PerspectiveRecord>>,
     /// Depths of their largest responses, if they are not blended by the depths of their means.
     pub(crate) responses: Option<Buffer<ResponseRecord>>,
@@ -75,11 +75,11 @@ impl Splats {
     pub fn records(&self) -> &[SplatRecord] {
         &self.records
     }
-    /// Whether the projection was affine for all of them.
+    /// True if the projection was affine for all splats.
     pub fn are_affine(&self) -> bool {
         self.in_perspective.is_none()
     }
-    /// Share of the drawn splats that are not affine.
+    /// Share of perspective splats among the drawn ones.
     pub fn share_in_perspective(&self) -> f64 {
         let Some(splats) = &self.in_perspective else { return 0.0 };
         let drawn = || splats.iter().zip(self.records.iter()).filter(|(_, record)| record.reach > 0.0);
@@ -90,7 +90,7 @@ impl Splats {
     pub(crate) fn block_is_drawn(&self, block: usize) -> bool {
         self.drawn[block] != 0
     }
-    /// As many blocks as one task takes, task by task.
+    /// Blocks task by task.
     pub(crate) fn par_chunks_mut(&mut self) -> impl IndexedParallelIterator<Item = SplatBlocks<'_>> {
         let records = self.records.par_chunks_mut(BLOCKS_AT_ONCE * BLOCK);
         let blocks = records.zip(self.drawn.par_chunks_mut(BLOCKS_AT_ONCE));
@@ -124,7 +124,7 @@ impl SplatBlocks<'_> {
     }
 }
 
-/// Blocks that one task takes.
+/// Blocks per task.
 pub(crate) const BLOCKS_AT_ONCE: usize = 16;
 
 pub(crate) fn project_all(

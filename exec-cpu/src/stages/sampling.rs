@@ -1,4 +1,4 @@
-//! Filters in space, from the sampling intervals of views.
+//! 3D filters, from the sampling intervals of views.
 
 use crate::{block::BlockPlanes, context::Context, lanes::Lanes, stages::project::BLOCKS_AT_ONCE};
 use fearless_simd::{Simd, dispatch};

@@ -39,7 +39,7 @@ impl Colors {
     }
 }
 
-/// Inputs of shading beside the Gaussians.
+/// Inputs of shading other than the Gaussians.
 #[derive(Clone, Copy)]
 pub(crate) struct Scene<'a> {
     pub(crate) shading: GaussianShading,
@@ -53,7 +53,7 @@ impl Scene<'_> {
     }
 }
 
-/// Shades the splats that are drawn; those with a colour that is not finite are culled.
+/// Shades the drawn splats; culls those with a colour that is not finite.
 pub(crate) fn shade_all(
     context: &Context,
     gaussians: &Gaussians<Vec<f32>>,
@@ -81,8 +81,8 @@ pub(crate) fn shade_all(
     Colors { channels, values }
 }
 
-/// Writes the channels of a block; returns the mask of Gaussians whose attributes are finite, as
-/// far as they were read.
+/// Writes the channels of a block; returns the mask of Gaussians with finite attributes, among
+/// those that were read.
 #[inline(always)]
 fn shade_block<S: Simd>(
     simd: S,
@@ -102,7 +102,7 @@ fn shade_block<S: Simd>(
     is_finite
 }
 
-/// The channels of each Gaussian side by side, of those that are blended.
+/// The blended channels of each Gaussian, side by side.
 fn interleave<S: Simd>(channels: &LayerChannels<Lanes<S>>, blended: Channels, out: &mut [f32]) {
     for (c, lanes) in channels.0.iter().enumerate() {
         let Some(channel) = blended.index_of(c) else { continue };
@@ -150,7 +150,7 @@ impl<S: Simd> Lit<S> {
     }
 }
 
-/// The light that was looked up, if any was.
+/// The light, if it was looked up.
 #[inline(always)]
 fn radiance_of<S: Simd>(lookup: &Option<Lookup<S>>, like: Lanes<S>) -> Vec3<Lanes<S>> {
     match lookup {

@@ -213,7 +213,7 @@ struct Reflected<'a, S: Simd> {
     own: Lookup<S>,
     /// Surface that the rays hit, if they were traced, and the far light that it reflects.
     reflection: Option<Reflection<Lanes<S>>>,
-    of_near: Option<Lookup<S>>,
+    near: Option<Lookup<S>>,
 }
 
 impl<'a, S: Simd> Reflected<'a, S> {
@@ -221,19 +221,19 @@ impl<'a, S: Simd> Reflected<'a, S> {
     fn new(simd: S, lighting: &Lighting<'a>, quad: usize, surface: &PixelSurface<Lanes<S>>) -> Self {
         let light = lighting.light;
         let reflection = lighting.reflection(simd, quad);
-        let of_near = match &reflection {
+        let near = match &reflection {
             Some(reflection) if has_second_lookup(reflection) => {
                 Some(look_up(simd, light, reflection.direction, reflection.roughness))
             }
             _ => None,
         };
-        Self { light, own: look_up(simd, light, surface.reflection_dir, surface.roughness), reflection, of_near }
+        Self { light, own: look_up(simd, light, surface.reflection_dir, surface.roughness), reflection, near }
     }
     #[inline(always)]
     fn light(&self) -> Vec3<Lanes<S>> {
         let own = self.own.radiance();
-        match (&self.reflection, &self.of_near) {
-            (Some(reflection), Some(of_near)) => reflection.light(own, of_near.radiance()),
+        match (&self.reflection, &self.near) {
+            (Some(reflection), Some(near)) => reflection.light(own, near.radiance()),
             (Some(reflection), None) => reflection.light(own, Vec3::zero(own.x)),
             (None, _) => own,
         }
@@ -253,7 +253,7 @@ impl<'a, S: Simd> Reflected<'a, S> {
             None => [grad; 2],
         };
         let grad_surface = look_up_vjp(simd, self.light, &self.own, roughness, grad_own, light_grad);
-        if let (Some(reflection), Some(second)) = (&self.reflection, &self.of_near) {
+        if let (Some(reflection), Some(second)) = (&self.reflection, &self.near) {
             look_up_vjp(simd, self.light, second, reflection.roughness, grad_second, light_grad);
         }
         grad_surface

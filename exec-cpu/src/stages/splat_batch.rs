@@ -17,14 +17,13 @@ use specula_core::{
     splat::Splat2d,
 };
 
-/// Splats that a tile reads at once, before it tests again whether all its pixels have ended: a bit
-/// each.
+/// Splats per batch, one bit each; after a batch a tile tests whether all its pixels have ended.
 pub(crate) const SPLATS_AT_ONCE: usize = u64::BITS as usize;
 
 /// One number of each splat.
 type Numbers = [f32; SPLATS_AT_ONCE];
 
-/// Record of a splat that tiles are blended from.
+/// Record of a splat for blending.
 pub(crate) trait BatchedSplat: Sync {
     /// Batch of such records.
     type Batch: SplatBatch<Splat = Self>;

@@ -45,14 +45,14 @@ impl<'a, S: Simd> BlendedQuad<'a, S> {
     }
 }
 
-/// Surface that was blended into a quad, and its view directions.
+/// Blended surface of a quad, and its view directions.
 pub(crate) struct SurfaceQuad<S: Simd> {
     pub(crate) pixel: Pixel<Lanes<S>>,
     pub(crate) view_dir: Vec3<Lanes<S>>,
 }
 
 impl<S: Simd> SurfaceQuad<S> {
-    /// A quad of a tile; `None` if nothing covers it.
+    /// A quad of a tile; `None` if it is not covered.
     #[inline(always)]
     pub(crate) fn new(
         simd: S,

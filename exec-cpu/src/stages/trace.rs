@@ -78,7 +78,7 @@ fn trace_tile<S: Simd>(
     }
 }
 
-/// Surfaces that rays hit; arbitrary for rays that hit nothing.
+/// Surfaces hit by rays; arbitrary for rays without a hit.
 #[inline(always)]
 fn surfaces<S: Simd>(simd: S, near_field: &NearField<Vec<f32>>, hits: &Hits<Lanes<S>>) -> NearSurface<Lanes<S>> {
     let (triangles, all) = (hits.triangle.to_array(), near_field.vertices());

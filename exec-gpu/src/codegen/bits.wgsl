@@ -8,7 +8,7 @@ fn is_finite(x: f32) -> bool {
     return (bitcast<u32>(x) & ~SIGN) < INFINITY;
 }
 
-// Bits that sort as numbers do: `f32::total_cmp`.
+// Bits that sort like the numbers: `f32::total_cmp`.
 fn ordered_bits(x: f32) -> u32 {
     let bits = bitcast<u32>(x);
     return select(bits | SIGN, ~bits, (bits & SIGN) != 0u);

@@ -7,7 +7,7 @@ use specula_core::{real::Real, vector::Vec3};
 /// Parameter or result of a formula.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Field {
-    /// Name in WGSL; an expression for a parameter that is no argument of the function.
+    /// Name in WGSL; an expression for a parameter that is not an argument of the function.
     pub name: String,
     /// Number of components: one to four are a scalar or a vector, more an array.
     pub len: usize,
@@ -148,7 +148,7 @@ impl<R: Real> Components<R> for Vec<R> {
 macro_rules! components_of_tuples {
     ($($($name:ident)+;)*) => {$(
         impl<R, $($name: Components<R>),+> Components<R> for ($($name,)+) {
-            #[expect(non_snake_case, reason = "members are named as their types")]
+            #[expect(non_snake_case, reason = "members have the names of their types")]
             fn append_to(self, numbers: &mut Vec<R>) {
                 let ($($name,)+) = self;
                 $($name.append_to(numbers);)+
@@ -227,7 +227,11 @@ pub fn function(formula: &impl Formula) -> String {
     let (name, parameters, results) = (formula.name(), formula.parameters(), formula.results());
     let inputs: Vec<String> = parameters.iter().flat_map(numbers_of).collect();
     let (mut statements, numbers) = trace(&inputs, |numbers| formula.evaluate(&mut Inputs::new(numbers)));
-    assert_eq!(numbers.len(), results.iter().map(|field| field.len).sum::<usize>(), "{name} gives what it says");
+    assert_eq!(
+        numbers.len(),
+        results.iter().map(|field| field.len).sum::<usize>(),
+        "{name} returns its declared results"
+    );
 
     let mut numbers = numbers.into_iter();
     let mut returned = Vec::new();
@@ -265,7 +269,7 @@ fn value_of(numbers: &[String]) -> String {
 struct Returned {
     /// Declaration of its structure; empty without one.
     declared: String,
-    /// Return type, as it follows the arguments.
+    /// Return type, in the form after the arguments.
     kind: String,
     statement: String,
 }
@@ -318,7 +322,7 @@ mod tests {
     });
 
     #[test]
-    fn a_function_takes_what_it_reads_and_gives_a_structure() {
+    fn a_function_has_its_inputs_as_arguments_and_returns_a_structure() {
         let expected = "struct MirrorIt {\n    mirrored: vec3f,\n    sum: f32,\n}\n\
             fn mirror_it(point: vec3f) -> MirrorIt {\n    let v0 = point.x;\n    let v1 = point.y;\n    \
             let v2 = point.z;\n    let v3 = camera.focal_px.x;\n    let v6 = plane(1u);\n    let v7 = -v0;\n    \

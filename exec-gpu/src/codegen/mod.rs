@@ -1,7 +1,7 @@
-//! WGSL from core's formulas: a number that records operations, functions made of the record, and
-//! the builder of kernels' sources.
+//! WGSL from core's formulas: a number that records operations, functions from the record, and the
+//! builder of kernels' sources.
 //!
-//! Nothing here knows a stage of the pipeline.
+//! Nothing here depends on a stage of the pipeline.
 
 pub mod formula;
 pub mod real;

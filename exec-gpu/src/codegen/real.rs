@@ -1,4 +1,4 @@
-//! Polynomials of powers and logarithms, which `real.wgsl` calls.
+//! Polynomials of powers and logarithms, called by `real.wgsl`.
 
 use crate::codegen::formula::formula;
 use specula_core::real::{exp2_fraction, log2_mantissa};

@@ -1,4 +1,4 @@
-// Declarations: the functions of `specula_core::real` that no machine has exactly, operation by
+// Declarations: functions of `specula_core::real` without exact hardware instructions, operation by
 // operation as in core.
 
 // `round` is built in: a compiler may remove the addition and subtraction of a large number.

@@ -71,7 +71,7 @@ impl Source {
         self.with(&format!("fn {name}({arguments}) -> u32 {{\n{statements}    return {};\n}}\n", results[0]))
     }
     /// Appends a function that repeats a statement for 0, 1, … `count` − 1. Private arrays are in
-    /// registers only where all of their indices are constants, so loops over them are written out.
+    /// registers only if all of their indices are constants, so loops over them are unrolled.
     pub(crate) fn unrolled(self, signature: &str, count: usize, statement: impl Fn(usize) -> String) -> Self {
         let statements: String = (0..count).map(|k| format!("    {}\n", statement(k))).collect();
         self.with(&format!("fn {signature} {{\n{statements}}}\n"))

@@ -1,8 +1,8 @@
-//! Tracing: a number that records the operations on it, and WGSL statements made of the record.
+//! Tracing: a number that records the operations on it, and WGSL statements from the record.
 //!
-//! Formulas are free of branches, so one evaluation with [`Traced`] records every operation.
-//! Operations that no result depends on are dropped, common subexpressions are evaluated once, and
-//! operations keep their order: shaders compute exactly the expressions of core.
+//! Formulas have no branches, so one evaluation with [`Traced`] records every operation. Unused
+//! operations are dropped, common subexpressions are evaluated once, and operations keep their
+//! order: shaders compute exactly the expressions of core.
 //!
 //! A variant, such as the shading function of a profile or a smaller number of harmonics, is the
 //! same formula traced under other rules. Tests evaluate every formula on the device and compare it
@@ -42,9 +42,9 @@ enum Operation {
     Prefix(&'static str, u32),
     /// A function of one number.
     Call(&'static str, u32),
-    /// Two numbers or masks with a sign between them.
+    /// Two numbers or masks with an operator between them.
     Infix(u32, &'static str, u32),
-    /// The first where the mask, the last, holds; else the second.
+    /// The first where the mask, the third, holds; else the second.
     Select(u32, u32, u32),
 }
 
@@ -163,7 +163,7 @@ fn operand(index: u32, record: &Record) -> String {
 /// Literal of a finite number, which parses to the same bits.
 pub(crate) fn literal(value: f32) -> String {
     debug_assert!(value.is_finite(), "WGSL has no constant for {value}");
-    // The shortest text of the largest number is beyond it, which browsers refuse.
+    // The shortest text of the largest number exceeds it, which browsers reject.
     if value.abs() == f32::MAX { format!("{value:.1}f") } else { format!("{value:?}f") }
 }
 

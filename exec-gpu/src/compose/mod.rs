@@ -32,12 +32,12 @@ use wgpu::{
 const SOURCE: &str = include_str!("compose.wgsl");
 const LABEL: Option<&str> = Some("compose");
 
-/// Draws frames into textures of one format, of one sample a pixel.
+/// Draws frames into textures of one format, with one sample per pixel.
 ///
 /// A texture becomes the frame's premultiplied colour plus (1 − α) times its former contents.
 /// Colours of a frame are sRGB. A format without encoding stores them unchanged, with the pixels of
-/// `over_background`; a format that encodes (`…Srgb`) blends linear light, so that partially
-/// covered pixels are brighter.
+/// `over_background`; a format that encodes (`…Srgb`) blends linear light, so partially covered
+/// pixels are brighter.
 #[derive(Debug)]
 pub struct Composer {
     pipeline: RenderPipeline,
@@ -65,8 +65,8 @@ impl Composer {
 
     /// Records a draw of the frame over the viewport of a pass, without depth: pixel for pixel if
     /// the viewport has the size of the frame, else with nearest sampling. Submits the executor's
-    /// commands for the frame. The program submits its pass before the executor renders the next
-    /// frame, which may reuse this frame's memory.
+    /// commands for the frame. The program must submit its pass before the executor renders the
+    /// next frame, which may reuse this frame's memory.
     ///
     /// # Errors
     ///
@@ -147,8 +147,7 @@ mod tests {
     /// Former contents of the texture, of each channel.
     const BEFORE: f64 = 0.25;
 
-    /// A row that goes from black to white, the first half of it opaque and the second not covered
-    /// at all.
+    /// A row from black to white, the first half opaque and the second half not covered.
     fn row(exec: &mut GpuExecutor) -> Frame {
         let (width, half) = (WIDTH as usize, WIDTH as usize / 2);
         let color = |k: usize| if k < half { k as f32 / half as f32 } else { 0.0 };
@@ -201,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn opaque_pixels_are_equal_in_every_format_and_uncovered_ones_stay() {
+    fn opaque_pixels_are_equal_in_every_format_and_uncovered_ones_unchanged() {
         let Some(context) = Context::for_tests() else { return };
         let mut exec = GpuExecutor::new(context.gpu);
         let half = WIDTH as usize / 2;
@@ -227,9 +226,9 @@ mod tests {
         let adapter = pollster::block_on(instance.request_adapter(&Default::default())).expect("there is one");
         let required_limits = Limits::downlevel_webgl2_defaults();
         let descriptor = DeviceDescriptor { required_limits, ..Default::default() };
-        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).expect("it asks for little");
+        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).expect("its limits are low");
         let refusal = Gpu::shared(device, queue).expect_err("it has no storage buffers").to_string();
         assert!(refusal.contains("max_storage_buffers_per_shader_stage: 0 of 8"), "{refusal}");
-        assert!(refusal.contains("ask for wgpu::Limits::default()"), "{refusal}");
+        assert!(refusal.contains("with wgpu::Limits::default()"), "{refusal}");
     }
 }

@@ -1,16 +1,16 @@
-//! Adapters that wgpu finds on this machine.
+//! Adapters of wgpu on this machine.
 
 use core::fmt;
 use wgpu::{Adapter, AdapterInfo, Backend, Backends, DeviceType, Instance, InstanceDescriptor, Limits};
 
-/// Description of an adapter, without opening a device on it.
+/// Description of an adapter, without opening its device.
 #[derive(Clone, Debug)]
 pub struct AdapterReport {
     /// Name, driver, kind.
     pub info: AdapterInfo,
     /// Limits of its devices.
     pub limits: Limits,
-    /// Whether it is a software driver, which computes on the CPU.
+    /// True for a software driver, which computes on the CPU.
     pub is_software: bool,
 }
 
@@ -41,7 +41,7 @@ pub(crate) fn report(adapter: &Adapter) -> AdapterReport {
     AdapterReport { is_software: info.device_type == DeviceType::Cpu, limits: adapter.limits(), info }
 }
 
-/// Place of an adapter among those that ranks of one machine are given.
+/// Index of an adapter among those assigned to the ranks of one machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Place {
     /// Number of the adapter, from 0.
@@ -50,7 +50,7 @@ pub struct Place {
     pub count: usize,
 }
 
-/// Properties of an adapter that decide which rank is given it.
+/// Properties of an adapter for the assignment to ranks.
 #[derive(Clone, Debug)]
 pub(crate) struct Traits {
     name: String,
@@ -66,8 +66,8 @@ impl Traits {
 }
 
 /// Index and place of the adapter of a rank, by its number among the ranks of a machine. The first
-/// adapter with `wanted` in its name, of hardware if there is any, decides the backend and whether
-/// drivers compute on the CPU; ranks cycle through the adapters of this kind.
+/// adapter with `wanted` in its name, hardware if there is any, determines the backend and the
+/// kind; ranks cycle through the adapters of this kind.
 pub(crate) fn selected(adapters: &[Traits], wanted: &str, rank: usize) -> Option<(usize, Place)> {
     let wanted = wanted.to_lowercase();
     let named = || adapters.iter().enumerate().filter(|(_, adapter)| adapter.name.contains(&wanted));

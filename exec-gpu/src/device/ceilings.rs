@@ -1,4 +1,4 @@
-//! Peak rates of a device, which its stages are compared with.
+//! Peak rates of a device, for comparison with its stages.
 
 use crate::{
     codegen::source::Source,
@@ -14,13 +14,13 @@ use crate::{
     },
 };
 
-/// Numbers that are copied: a quarter of a gigabyte, larger than any cache.
+/// Numbers to copy: a quarter of a gigabyte, larger than any cache.
 const NUMBERS: usize = 1 << 26;
-/// Invocations that multiply, enough to occupy a large device.
+/// Invocations of multiply-adds, enough to occupy a large device.
 const INVOCATIONS: usize = 1 << 20;
 /// Multiply-adds of an invocation in a step.
 const SUMS: usize = 16;
-/// Shortest run that is taken as a measurement, in seconds.
+/// Shortest valid run of a measurement, in seconds.
 const SECONDS_MIN: f64 = 5e-3;
 /// Largest number of steps.
 const STEPS_MAX: usize = 1 << 16;
@@ -40,8 +40,8 @@ fn source() -> String {
     Source::new().with(include_str!("ceilings.wgsl")).text()
 }
 
-/// Measures the peak rates; `None` where kernels cannot be timed. Discards the durations of kernels
-/// so far, and ends their timing.
+/// Measures the peak rates; `None` if kernels cannot be timed. Discards the durations of kernels so
+/// far, and ends their timing.
 ///
 /// # Errors
 ///

@@ -26,7 +26,7 @@ fn copy_numbers(
     }
 }
 
-// Four vectors of four sums each, side by side, so that no multiply-add waits for another.
+// Four vectors of four sums each, side by side, so no multiply-add waits for another.
 @compute @workgroup_size(GROUP)
 fn multiply_add(
     @builtin(workgroup_id) group: vec3u,

@@ -1,6 +1,6 @@
 //! Arrays of Gaussians, divided into chunks.
 //!
-//! A storage binding has a largest size, and Gaussians have many planes. So Gaussians may lie in
+//! The size of a storage binding is limited, and Gaussians have many planes. So Gaussians may be in
 //! several arrays, each of a whole number of blocks; a stage that processes Gaussians one by one
 //! runs once for each chunk. Every Gaussian is computed as in a single array, so results do not
 //! depend on the number of chunks.
@@ -17,13 +17,13 @@ use specula_core::{
 #[derive(Debug)]
 pub struct ChunkedArray {
     arrays: Vec<Array>,
-    /// Gaussians in every chunk but the last, which may have fewer.
+    /// Gaussians in every chunk except the last, which may have fewer.
     chunk_len: usize,
     /// Layout of Gaussians whose planes are packed as halves; `None` for numbers of 32 bits.
     packed: Option<Layout>,
 }
 
-/// One chunk: a range of Gaussians, and the array that holds them.
+/// One chunk: a range of Gaussians, and their array.
 #[derive(Clone, Debug)]
 pub(crate) struct Chunk<'a> {
     pub(crate) gaussians: Range<usize>,
@@ -44,7 +44,7 @@ impl ChunkedArray {
         self.arrays.len()
     }
 
-    /// The same array, marked as planes of Gaussians that are packed as halves.
+    /// The same array, marked as planes of Gaussians packed as halves.
     pub(crate) fn packed_from(self, layout: Layout) -> Self {
         Self { packed: Some(layout), ..self }
     }
@@ -59,18 +59,18 @@ impl ChunkedArray {
         if self.packed.is_some() { Storage::F16 } else { Storage::F32 }
     }
 
-    /// Gaussians in every chunk but the last, which may have fewer.
+    /// Gaussians in every chunk except the last, which may have fewer.
     pub(crate) fn chunk_len(&self) -> usize {
         self.chunk_len
     }
 
-    /// The array of values that are never divided.
+    /// Array of values that are never divided into chunks.
     pub(crate) fn whole(&self) -> &Array {
-        let [array] = &*self.arrays else { panic!("only Gaussians, uploaded as such, lie in several arrays") };
+        let [array] = &*self.arrays else { panic!("only Gaussians, uploaded as such, may be in several arrays") };
         array
     }
 
-    /// The array of values that are never divided, by value.
+    /// Array of values that are never divided into chunks, by value.
     #[cfg(feature = "testing")]
     pub(crate) fn into_whole(mut self) -> Array {
         self.whole();
@@ -82,17 +82,16 @@ impl ChunkedArray {
         self.arrays.iter().zip(ranges(count, self.chunk_len)).map(|(array, gaussians)| Chunk { gaussians, array })
     }
 
-    /// The array that holds the Gaussians of another array's chunk, and the index of its first
-    /// Gaussian.
+    /// Array with the Gaussians of another array's chunk, and the index of its first Gaussian.
     pub(crate) fn around(&self, chunk: &Chunk<'_>) -> (&Array, usize) {
         let index = chunk.gaussians.start / self.chunk_len;
         (&self.arrays[index], index * self.chunk_len)
     }
 
-    /// Chunks of several arrays that are divided alike, side by side.
+    /// Chunks of several arrays with the same division, side by side.
     pub(crate) fn side_by_side<const N: usize>(several: [&Self; N]) -> impl Iterator<Item = [&Array; N]> {
         let is_alike = |other: &Self| other.arrays.iter().map(Array::len).eq(several[0].arrays.iter().map(Array::len));
-        assert!(several.into_iter().all(is_alike), "gradients and moments are uploaded as their Gaussians are");
+        assert!(several.into_iter().all(is_alike), "gradients and moments are uploaded like their Gaussians");
         (0..several[0].chunk_count()).map(move |index| several.map(|chunked| &chunked.arrays[index]))
     }
 }
@@ -119,14 +118,14 @@ pub(crate) struct Chunking {
 }
 
 impl Chunking {
-    /// Chunks as large as an array may be.
+    /// Chunks of the maximum size of an array.
     pub(crate) fn new(gpu: &Gpu, words: usize) -> Self {
         let blocks = (gpu.chunk_max() / 4) as usize / (BLOCK * words);
         Self { words, chunk_len: BLOCK * blocks.max(1) }
     }
 
-    /// Chunks of another array of Gaussians that are divided already: whole chunks of theirs, as
-    /// many as an array holds.
+    /// Chunks of another array of divided Gaussians: whole chunks of theirs, up to the size of an
+    /// array.
     pub(crate) fn around(gpu: &Gpu, words: usize, inner_len: usize) -> Self {
         let chunk_len = Self::new(gpu, words).chunk_len;
         Self { words, chunk_len: inner_len.max(chunk_len / inner_len * inner_len) }
@@ -134,7 +133,7 @@ impl Chunking {
 }
 
 impl Context {
-    /// Division of Gaussians that have `words` numbers each.
+    /// Division of Gaussians with `words` numbers each.
     pub(crate) fn chunking(&self, words: usize) -> Chunking {
         Chunking::new(&self.gpu, words)
     }
@@ -214,7 +213,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_gaussian_lies_in_one_chunk() {
+    fn every_gaussian_is_in_one_chunk() {
         for (count, each) in [(0, 16), (1, 16), (16, 16), (17, 16), (1000, 208), (1000, usize::MAX)] {
             let chunks: Vec<Range<usize>> = ranges(count, each).collect();
             assert_eq!(chunks.len(), count.div_ceil(each).max(1), "{count} Gaussians, {each} each");

@@ -46,7 +46,7 @@ impl Context {
         Ok(array)
     }
 
-    /// Records that the elements from `first` on become zero.
+    /// Records zeroing the elements from `first` on.
     pub(crate) fn clear(&mut self, array: &Array, first: usize) {
         self.recorder.encoder(&self.gpu).clear_buffer(array.buffer(), 4 * first as u64, None);
     }
@@ -76,7 +76,7 @@ impl Context {
     ///
     /// # Errors
     ///
-    /// See [`Self::submit`]; a device that was lost meanwhile.
+    /// See [`Self::submit`]; a lost device.
     pub(crate) fn download<T: Pod>(&mut self, array: &Array, first: usize, values: &mut [T]) -> Result<(), GpuError> {
         const { assert!(size_of::<T>() == 4, "arrays are of 32 bits each") };
         let part = first..first + values.len();
@@ -103,8 +103,8 @@ impl Context {
         read(&self.gpu, &staging, consume)
     }
 
-    /// Bytes of several ranges, one after the other, once the device has run the recorded commands.
-    /// At least one of them is not empty.
+    /// Bytes of several ranges, one after the other, after the device has run the recorded
+    /// commands. At least one range must not be empty.
     ///
     /// # Errors
     ///
@@ -131,13 +131,13 @@ impl Context {
     ///
     /// # Errors
     ///
-    /// See [`Self::submit`]; a device that was lost meanwhile.
+    /// See [`Self::submit`]; a lost device.
     pub(crate) fn finish(&mut self) -> Result<(), GpuError> {
         self.submit()?;
         self.gpu.wait()
     }
 
-    /// Durations of kernels since the last call, by name; empty where kernels are not timed.
+    /// Durations of kernels since the last call, by name; empty if kernels are not timed.
     ///
     /// # Errors
     ///
@@ -147,12 +147,12 @@ impl Context {
         Ok(self.recorder.timer.as_mut().map_or_else(Vec::new, KernelTimer::take))
     }
 
-    /// Frees memory that no array uses.
+    /// Frees unused memory.
     pub(crate) fn free_unused_memory(&mut self) {
         self.pool.free_unused();
     }
 
-    /// Bytes of all arrays, and of free buffers that are kept for reuse.
+    /// Bytes of all arrays, and of free buffers for reuse.
     pub(crate) fn memory_bytes(&self) -> u64 {
         self.pool.bytes()
     }

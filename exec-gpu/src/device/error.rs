@@ -5,7 +5,7 @@ use specula_core::{
     prefilter::RESOLUTION_MAX,
 };
 
-/// Errors of devices, and of inputs that stages refuse.
+/// Errors of devices, and of invalid inputs of stages.
 #[derive(Clone, Debug, thiserror::Error, PartialEq, Eq)]
 pub enum GpuError {
     /// There is no adapter, or none of that name.
@@ -15,24 +15,24 @@ pub enum GpuError {
         named(wanted)
     )]
     NoAdapter {
-        /// Part of the name that was asked for; empty for any.
+        /// Requested part of the name; empty for any.
         wanted: String,
     },
-    /// The adapter gave no device.
-    #[error("the adapter {adapter:?} gave no device: {reason}; use another adapter or the CPU")]
+    /// The adapter cannot open a device.
+    #[error("the adapter {adapter:?} cannot open a device: {reason}; use another adapter or the CPU")]
     NoDevice {
         /// Its name.
         adapter: String,
         /// Message of wgpu.
         reason: String,
     },
-    /// The device has no memory left.
+    /// The device is out of memory.
     #[error("the device is out of memory; use smaller pictures, fewer Gaussians or the CPU")]
     OutOfMemory,
-    /// An array is larger than the adapter lets a shader see.
+    /// An array exceeds the adapter's limit of storage bindings.
     #[error(
-        "{what} take {bytes} bytes, and the adapter lets shaders see {limit} of an array; use fewer Gaussians, \
-             smaller pictures or a smaller light, another adapter, or the CPU"
+        "{what} take {bytes} bytes, above the adapter's limit of {limit} bytes per array; use fewer Gaussians, smaller \
+         pictures or a smaller light, another adapter, or the CPU"
     )]
     TooLarge {
         /// Name of the array.
@@ -51,10 +51,10 @@ pub enum GpuError {
     /// Lamps are invalid.
     #[error(transparent)]
     Lamps(LampError),
-    /// The device of another program allows too little.
+    /// The limits of another program's device are too low.
     #[error(
-        "the device that {adapter:?} gave the program allows less than WebGPU does by default ({reason}); ask for \
-             wgpu::Limits::default() or more when it is requested"
+        "the program's device on {adapter:?} has limits below WebGPU's defaults ({reason}); request it with \
+         wgpu::Limits::default() or more"
     )]
     TooLimited {
         /// The adapter's name.
@@ -68,13 +68,13 @@ pub enum GpuError {
         /// Message of the driver.
         reason: String,
     },
-    /// The device refused a command.
-    #[error("the device refused a command, which is a fault of the program: {reason}")]
+    /// The device rejected a command.
+    #[error("the device rejected a command, a bug of specula: {reason}")]
     Refused {
         /// Message of wgpu.
         reason: String,
     },
-    /// A buffer of another length than the numbers that are read into it.
+    /// A buffer does not have the length of the numbers to read.
     #[error(transparent)]
     BufferLength(BufferLength),
     /// A light's resolution cannot be filtered.
@@ -84,7 +84,7 @@ pub enum GpuError {
     LightResolution {
         /// Texels along an edge of a face.
         resolution: usize,
-        /// The smallest that can be.
+        /// Smallest valid resolution.
         least: usize,
     },
     /// A picture's bytes do not fit its size.
@@ -94,13 +94,13 @@ pub enum GpuError {
         width: usize,
         /// Rows.
         height: usize,
-        /// Bytes that it should have.
+        /// Expected number of bytes.
         expected: usize,
-        /// Bytes that it has.
+        /// Number of bytes.
         found: usize,
     },
-    /// A picture was compared with one of another size.
-    #[error("a picture of {found:?} pixels was compared with one of {expected:?}")]
+    /// A picture and its target differ in size.
+    #[error("cannot compare a target of {found:?} pixels with a picture of {expected:?}")]
     FrameSize {
         /// Width and height of the target.
         expected: [usize; 2],

@@ -1,8 +1,8 @@
 //! An open device: its limits, and the errors that wgpu reports through callbacks.
 //!
-//! wgpu reports a lost device to one callback and other faults to another, and lets calls return as
-//! if nothing had happened. Both are recorded and become the error of the next call that waits or
-//! submits. A lost device stays lost: it may hold half of a step, so nothing is read from it again.
+//! wgpu reports a lost device to one callback and other errors to another, while calls return
+//! normally. Both are recorded and become the error of the next call that waits or submits. A lost
+//! device stays lost: it may be in the middle of a step, so nothing is read from it again.
 
 use crate::device::{
     adapter::{Place, Traits, all_adapters, selected},
@@ -25,8 +25,8 @@ use wgpu::{
 };
 
 /// Device of wgpu. A clone is the same device for another executor, with the same compiled kernels.
-/// An error of the device is returned once, to the first clone that checks for it; the loss of the
-/// device is returned to all.
+/// An error of the device is returned once, to the first clone that checks for it; its loss is
+/// returned to all.
 #[derive(Debug)]
 pub struct Gpu {
     pub(crate) device: Device,
@@ -62,15 +62,16 @@ impl Gpu {
     ///
     /// # Errors
     ///
-    /// [`GpuError::NoAdapter`] if no adapter matches, [`GpuError::NoDevice`] if it gives no device.
+    /// [`GpuError::NoAdapter`] if no adapter matches, [`GpuError::NoDevice`] if it cannot open a
+    /// device.
     pub fn new(wanted: &str) -> Result<Self, GpuError> {
         Self::nth(wanted, 0).map(|(gpu, _)| gpu)
     }
 
     /// Opens the adapter of a rank, by its number among the ranks of this machine: the first rank
-    /// has that of [`Gpu::new`], the second one the next, and so on; with more ranks than adapters
-    /// they start again. Software drivers are used only without hardware, and no adapter is counted
-    /// twice because two backends show it. Returns its place among them as well.
+    /// has that of [`Gpu::new`], the second one the next, and so on, cyclically. Software drivers
+    /// are used only without hardware, and an adapter with two backends counts once. Also returns
+    /// its index among the adapters.
     ///
     /// # Errors
     ///
@@ -89,7 +90,7 @@ impl Gpu {
     /// # Errors
     ///
     /// [`GpuError::NoAdapter`] if there is none, [`GpuError::TooLimited`] if its limits are below
-    /// WebGPU's defaults, [`GpuError::NoDevice`] if it gives no device.
+    /// WebGPU's defaults, [`GpuError::NoDevice`] if it cannot open a device.
     pub async fn request() -> Result<Self, GpuError> {
         let instance = Instance::new(InstanceDescriptor {
             backends: Backends::PRIMARY,
@@ -112,7 +113,7 @@ impl Gpu {
         let limits = wanted_limits(&adapter.limits());
         let descriptor = DeviceDescriptor {
             label: Some("specula"),
-            // Optional: times kernels.
+            // Optional: for timing kernels.
             required_features: adapter.features() & Features::TIMESTAMP_QUERY,
             required_limits: limits.clone(),
             experimental_features: ExperimentalFeatures::disabled(),
@@ -186,8 +187,8 @@ impl Gpu {
     }
 
     /// Returns the error that was reported since the last call, if any. The loss of a device is
-    /// permanent. A lost device may refuse calls before it reports its loss, so a refusal waits for
-    /// that report.
+    /// permanent. A lost device may reject calls before it reports its loss, so a rejection waits
+    /// for that report.
     pub(crate) fn check(&self) -> Result<(), GpuError> {
         let refused = match self.noted() {
             Err(refused @ GpuError::Refused { .. }) => refused,
@@ -199,22 +200,22 @@ impl Gpu {
         }
     }
 
-    /// Error that is noted, if any; all but the loss of the device are forgotten.
+    /// Recorded error, if any; all except the loss of the device are cleared.
     fn noted(&self) -> Result<(), GpuError> {
-        let mut fault = self.fault.lock().expect("nobody panics while noting a fault");
+        let mut fault = self.fault.lock().expect("no thread panics while recording an error");
         match &*fault {
             Some(lost @ GpuError::Lost { .. }) => Err(lost.clone()),
             _ => fault.take().map_or(Ok(()), Err),
         }
     }
 
-    /// Cause of a failed call: the error that the device reported before, if any, else the call's
-    /// own.
+    /// Cause of a failed call: an earlier error of the device, if any, else the call's error.
     pub(crate) fn cause_of(&self, error: &dyn fmt::Display) -> GpuError {
         self.wait().err().unwrap_or_else(|| GpuError::Refused { reason: error.to_string() })
     }
 
-    /// Blocks until all submissions are done. In a browser nothing can block, and the work goes on.
+    /// Blocks until all submissions are done. In a browser nothing can block, so it returns at
+    /// once.
     ///
     /// # Errors
     ///
@@ -228,15 +229,15 @@ impl Gpu {
         self.noted()?;
         match waited {
             Ok(waited) => waited.map(drop).map_err(|error| GpuError::Lost { reason: error.to_string() }),
-            Err(_) => Err(GpuError::Lost { reason: "the driver gave it up".to_owned() }),
+            Err(_) => Err(GpuError::Lost { reason: "the driver released it".to_owned() }),
         }
     }
 }
 
-/// Smaller, observed and lost devices, for tests.
+/// Devices with lower limits, with counters, or lost, for tests.
 #[cfg(feature = "testing")]
 impl Gpu {
-    /// Device with a lower limit of the size of an array, in bytes, as a smaller device has.
+    /// Device with a lower limit of the size of an array, in bytes, like a smaller device.
     #[must_use]
     pub fn limited(mut self, bytes: u64) -> Self {
         self.limits.max_storage_buffer_binding_size = bytes.min(self.limits.max_storage_buffer_binding_size);
@@ -263,7 +264,7 @@ impl Gpu {
     }
 }
 
-/// Refuses limits below WebGPU's defaults.
+/// Rejects limits below WebGPU's defaults.
 ///
 /// # Errors
 ///
@@ -288,17 +289,17 @@ fn wanted_limits(adapter: &Limits) -> Limits {
     }
 }
 
-/// Notes a loss, which replaces other errors: it is their cause.
+/// Records a loss, which replaces other errors because it is their cause.
 fn keep_loss(fault: &Mutex<Option<GpuError>>, how: DeviceLostReason, reason: String) {
     let reason = match how {
         DeviceLostReason::Destroyed => "it was closed".to_owned(),
         DeviceLostReason::Unknown => reason,
     };
-    *fault.lock().expect("nobody panics while noting a fault") = Some(GpuError::Lost { reason });
+    *fault.lock().expect("no thread panics while recording an error") = Some(GpuError::Lost { reason });
 }
 
 fn keep_first(fault: &Mutex<Option<GpuError>>, error: GpuError) {
-    fault.lock().expect("nobody panics while noting a fault").get_or_insert(error);
+    fault.lock().expect("no thread panics while recording an error").get_or_insert(error);
 }
 
 fn fault_of(error: &wgpu::Error) -> GpuError {

@@ -5,10 +5,10 @@ use crate::device::gpu::Gpu;
 /// Choice between the variants of kernels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KernelSet {
-    /// Few invocations, each with much work: a software driver runs them in turn, and pays for
-    /// barriers and for every read.
+    /// Few invocations, each with much work: a software driver runs them in turn, and barriers and
+    /// reads are expensive.
     Software,
-    /// Many invocations, which share what they read and hide each other's waits.
+    /// Many invocations, which share their reads and hide each other's latencies.
     Hardware,
 }
 

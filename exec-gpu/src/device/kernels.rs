@@ -33,7 +33,8 @@ pub(crate) enum Dispatch {
     Grid([u32; 2]),
 }
 
-/// Kernels of a submission: the device computes one submission while the next is recorded.
+/// Maximum number of kernels of a submission: the device computes one submission while the next is
+/// recorded.
 const DISPATCHES_PER_SUBMISSION: usize = 16;
 
 /// Bytes of the uniforms of a submission: enough for its kernels.
@@ -42,8 +43,8 @@ const UNIFORM_BYTES: usize = 32 << 10;
 /// Sizes of uniforms are multiples of the largest alignment in them.
 const UNIFORM_STEP: usize = 16;
 
-/// Uniforms of a submission, which share a buffer: a buffer for each would take longer to create
-/// than most kernels to run.
+/// Uniforms of a submission in a shared buffer: creating a buffer for each would take longer than
+/// most kernels.
 #[derive(Debug, Default)]
 struct Uniforms {
     buffer: Option<Buffer>,
@@ -51,18 +52,18 @@ struct Uniforms {
 }
 
 impl Uniforms {
-    /// Whether uniforms of these sizes fit behind those of the submission.
+    /// True if uniforms of these sizes fit into the submission.
     fn have_room(&self, gpu: &Gpu, sizes: impl Iterator<Item = usize>) -> bool {
         let all: usize = sizes.map(|size| size.next_multiple_of(gpu.uniform_alignment())).sum();
         self.next_start(gpu) + all <= UNIFORM_BYTES
     }
 
-    /// Place of the next uniform.
+    /// Offset of the next uniform.
     fn next_start(&self, gpu: &Gpu) -> usize {
         self.bytes.len().next_multiple_of(gpu.uniform_alignment())
     }
 
-    /// Appends a uniform; returns its place in the buffer.
+    /// Appends a uniform; returns its offset in the buffer.
     fn push(&mut self, gpu: &Gpu, uniform: &[u8]) -> Range<u64> {
         let start = self.next_start(gpu);
         self.bytes.resize(start, 0);
@@ -84,8 +85,8 @@ impl Uniforms {
         buffer.clone()
     }
 
-    /// Writes the uniforms in front of the next submission; the buffer then takes those of another,
-    /// which the device keeps in order.
+    /// Writes the uniforms before the next submission; the buffer can then be reused, because the
+    /// device keeps the order.
     fn write(&mut self, gpu: &Gpu) {
         if let Some(buffer) = &self.buffer {
             gpu.queue.write_buffer(buffer, 0, &self.bytes);
@@ -98,12 +99,12 @@ impl Uniforms {
 #[derive(Debug, Default)]
 pub(crate) struct Recorder {
     encoder: Option<CommandEncoder>,
-    /// Pass of the last kernels in the encoder, which further ones join.
+    /// Pass of the last kernels in the encoder, shared by later ones.
     pass: Option<ComputePass<'static>>,
     uniforms: Uniforms,
     /// Kernels in the encoder.
     dispatches: usize,
-    /// Timer of the kernels, while they are timed; each has a pass of its own then.
+    /// Timer of the kernels, if they are timed; then each has a separate pass.
     pub(crate) timer: Option<KernelTimer>,
 }
 
@@ -129,7 +130,7 @@ impl Recorder {
                 timer.collect(gpu, timestamps)?;
             }
         }
-        // The error may be that the device had no memory for the uniforms' buffer.
+        // The device may have no memory for the uniforms' buffer.
         gpu.check().inspect_err(|_| self.uniforms.buffer = None)
     }
 
@@ -164,7 +165,8 @@ impl Recorder {
         Ok(())
     }
 
-    /// Submits the recorded commands if a kernel with these bindings does not fit behind them.
+    /// Submits the recorded commands if a kernel with these bindings does not fit into the
+    /// submission.
     fn make_room(&mut self, gpu: &Gpu, bindings: &[Binding<'_>]) -> Result<(), GpuError> {
         let uniforms = bindings.iter().filter_map(|binding| match binding {
             Binding::Uniform(bytes) => Some(bytes.len()),
@@ -176,7 +178,7 @@ impl Recorder {
         if is_full || !self.uniforms.have_room(gpu, uniforms) { self.submit(gpu) } else { Ok(()) }
     }
 
-    /// Bind group of some bindings; their uniforms join those of the submission.
+    /// Bind group of some bindings; appends their uniforms to those of the submission.
     fn bind(
         &mut self,
         gpu: &Gpu,
@@ -202,13 +204,13 @@ impl Recorder {
         gpu.device.create_bind_group(&BindGroupDescriptor { label: Some(entry), layout, entries: &entries })
     }
 
-    /// Pass for a kernel: that of the one before, unless kernels are timed.
+    /// Pass for a kernel: the previous one, unless kernels are timed.
     fn open_pass(&mut self, gpu: &Gpu, entry: &'static str) -> ComputePass<'static> {
         let pass = self.pass.take();
         match (pass, &mut self.timer) {
             (Some(pass), None) => pass,
             (pass, timer) => {
-                // A pass that is not timed ends before one that is.
+                // A pass without timing ends before a timed one.
                 drop(pass);
                 let timestamp_writes = timer.as_mut().map(|timer| timer.next_pass(entry));
                 let descriptor = ComputePassDescriptor { label: Some(entry), timestamp_writes };
@@ -259,7 +261,7 @@ fn compile(gpu: &Gpu, entry: &'static str, source: &str) -> Result<Kernel, GpuEr
     gpu.check().map(|()| Kernel { pipeline, layout })
 }
 
-/// Bind group layout of the bindings that a source declares, visible to one shader stage.
+/// Bind group layout of the bindings in a source, visible to one shader stage.
 pub(crate) fn layout_of(gpu: &Gpu, label: &str, source: &str, visibility: ShaderStages) -> BindGroupLayout {
     let entries: Vec<BindGroupLayoutEntry> = bindings_of(source)
         .map(|(binding, kind)| BindGroupLayoutEntry {
@@ -272,7 +274,7 @@ pub(crate) fn layout_of(gpu: &Gpu, label: &str, source: &str, visibility: Shader
     gpu.device.create_bind_group_layout(&BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
 }
 
-/// Numbers and types of the bindings that a source declares.
+/// Numbers and types of the bindings in a source.
 fn bindings_of(source: &str) -> impl Iterator<Item = (u32, BufferBindingType)> + '_ {
     source.lines().filter_map(|line| {
         let (number, declared) = line.strip_prefix("@group(0) @binding(")?.split_once(") var<")?;

@@ -1,5 +1,4 @@
-//! Arrays in storage buffers, the pool that they are allocated from, and transfers between host and
-//! device.
+//! Arrays in storage buffers, their pool, and transfers between host and device.
 
 use crate::device::{error::GpuError, gpu::Gpu};
 use core::{
@@ -54,7 +53,7 @@ pub(crate) struct Pool {
 
 #[derive(Debug, Default)]
 struct PoolState {
-    /// Buffers that no array uses.
+    /// Unused buffers.
     free: Vec<Buffer>,
     /// Bytes of all buffers, free and used.
     bytes: u64,
@@ -90,7 +89,7 @@ impl Pool {
         Ok(Array { buffer: Some(buffer), len, pool: self.state.clone() })
     }
 
-    /// Frees the buffers that no array uses.
+    /// Frees unused buffers.
     pub(crate) fn free_unused(&self) {
         let mut state = self.state();
         state.bytes -= state.free.drain(..).map(|buffer| buffer.size()).sum::<u64>();
@@ -102,7 +101,7 @@ impl Pool {
     }
 
     fn state(&self) -> MutexGuard<'_, PoolState> {
-        self.state.lock().expect("nobody panics while holding the pool")
+        self.state.lock().expect("no thread panics while holding the pool")
     }
 }
 
@@ -117,7 +116,7 @@ fn new_buffer(gpu: &Gpu, size: u64) -> Result<Buffer, GpuError> {
     gpu.check().map(|()| buffer)
 }
 
-/// Smallest size class that holds `bytes`.
+/// Smallest size class of at least `bytes`.
 fn size_class(bytes: u64) -> u64 {
     let bytes = bytes.max(BUFFER_BYTES_MIN);
     let step = (bytes.next_power_of_two() / 2 / STEPS).max(BUFFER_BYTES_MIN / STEPS);
@@ -165,7 +164,7 @@ pub(crate) fn staged(gpu: &Gpu, encoder: &mut CommandEncoder, parts: &[(&Array, 
     staging
 }
 
-/// Bytes of a staging buffer, once the device is done.
+/// Bytes of a staging buffer, after the device is done.
 ///
 /// # Errors
 ///
@@ -221,13 +220,12 @@ pub(crate) fn read(gpu: &Gpu, staging: &Buffer, consume: impl FnOnce(&[u8])) -> 
 mod tests {
     use super::*;
 
-    /// Address space of a process that is to run out of memory, in KiB: a driver and a few arrays
-    /// fit.
+    /// Address space in KiB of a process that runs out of memory: a driver and a few arrays fit.
     const LITTLE: u64 = 6 << 20;
 
     #[test]
-    #[ignore = "takes all memory of its process; another test runs it in one that has little"]
-    fn an_array_that_does_not_fit_is_refused_and_others_still_fit() {
+    #[ignore = "takes all memory of its process; another test runs it in a limited one"]
+    fn an_array_that_does_not_fit_is_an_error_and_others_still_fit() {
         let gpu = Gpu::new("").expect("there is an adapter, or this is not run");
         let pool = Pool::default();
         let len = gpu.binding_max() as usize / 4;
@@ -251,7 +249,7 @@ mod tests {
             eprintln!("NOT TESTED, because {error}");
             return;
         }
-        let name = "device::memory::tests::an_array_that_does_not_fit_is_refused_and_others_still_fit";
+        let name = "device::memory::tests::an_array_that_does_not_fit_is_an_error_and_others_still_fit";
         let script = format!("ulimit -v {LITTLE} && exec \"$0\" --ignored --exact {name}");
         let tests = std::env::current_exe().expect("this is a program");
         let output =

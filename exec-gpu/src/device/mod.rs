@@ -1,7 +1,7 @@
 //! Device infrastructure: adapters, memory, and kernels that are compiled once and recorded into
 //! submissions.
 //!
-//! Nothing here knows a stage of the pipeline.
+//! Nothing here depends on a stage of the pipeline.
 
 pub(crate) mod adapter;
 pub(crate) mod cache;

@@ -7,7 +7,7 @@ use wgpu::{
     QuerySetDescriptor, QueryType,
 };
 
-/// Passes that are timed in one submission.
+/// Maximum number of timed passes in one submission.
 const PASSES_MAX: usize = 1024;
 /// Bytes of a timestamp.
 const TIMESTAMP: u64 = 8;
@@ -43,7 +43,7 @@ impl KernelTimer {
         Some(Self { queries, timestamps, passes: Vec::new(), times: BTreeMap::new() })
     }
 
-    /// Whether commands have to be submitted before another pass is timed.
+    /// True if commands must be submitted before timing another pass.
     pub(crate) fn is_full(&self) -> bool {
         self.passes.len() == PASSES_MAX
     }
@@ -71,7 +71,7 @@ impl KernelTimer {
     ///
     /// # Errors
     ///
-    /// A device that was lost meanwhile.
+    /// A lost device.
     pub(crate) fn collect(&mut self, gpu: &Gpu, staging: &Buffer) -> Result<(), GpuError> {
         let seconds = f64::from(gpu.queue.get_timestamp_period()) * 1e-9;
         let passes = core::mem::take(&mut self.passes);

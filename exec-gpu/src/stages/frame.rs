@@ -19,7 +19,7 @@ pub struct Frame {
     pub(crate) exposed: Option<Array>,
 }
 
-/// Planes of a frame that are read.
+/// Planes of a frame to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrameContent {
     /// Final colours and transmittance.
@@ -51,7 +51,7 @@ impl Frame {
     pub(crate) fn len_of_values(&self) -> usize {
         (self.channels + 1) * self.pixel_count()
     }
-    /// Arrays that hold the read planes, in their order, with the elements of each.
+    /// Arrays with the read planes, in order, with the elements of each.
     pub(crate) fn parts(&self, content: FrameContent) -> [(&Array, Range<usize>); 2] {
         let (shown, len) = (3 * self.pixel_count(), self.len_of_values());
         let first = match content {

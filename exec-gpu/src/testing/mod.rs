@@ -57,7 +57,7 @@ impl<P> GpuExecutor<P> {
     ///
     /// # Errors
     ///
-    /// Errors of allocation and of the device; so for all methods of this module.
+    /// Errors of allocation and of the device; the same for all methods of this module.
     pub fn evaluate(&mut self, formula: &impl Formula, inputs: &[f32]) -> Result<Vec<f32>, GpuError> {
         let (width, height) = (len_of(&formula.parameters()), len_of(&formula.results()));
         let rows = inputs.len() / width;
@@ -106,8 +106,8 @@ impl<P> GpuExecutor<P> {
         Ok((values, sums.finish(context)?))
     }
 
-    /// Adds colours to texels as kernels add to the gradient of a light; the fourth number of a
-    /// colour is ignored.
+    /// Adds colours to texels like kernels of a light's gradient; the fourth number of a colour is
+    /// ignored.
     ///
     /// # Errors
     ///
@@ -207,7 +207,7 @@ impl<P> GpuExecutor<P> {
         self.capacity = Some(Capacity { pairs, depth_bits });
     }
 
-    /// Changes the number of tiles that splats are counted for before they are sorted into them.
+    /// Changes the counted numbers of tiles of splats before the sort.
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! Exports to other programs in place of a shading function: fitted harmonics and fused surfaces.
+//! Exports to other programs instead of a shading function: fitted harmonics and fused surfaces.
 
 use proptest::{collection::vec, prelude::*};
 use specula_core::{

@@ -19,7 +19,7 @@ use std::{
     sync::{LazyLock, Mutex, PoisonError},
 };
 
-/// Executors by scheme and levels, so that no operator of the prefilter is built twice.
+/// Executors by scheme and levels, so no operator of the prefilter is built twice.
 type Executors = HashMap<(PrefilterScheme, LevelRange), CpuExecutor>;
 
 /// Runs `work` on the executor for these rules.

@@ -262,7 +262,7 @@ fn renamed(path: &Path, names: &[(&str, &str)]) {
 #[test]
 fn layouts_of_baselines_are_shown_by_their_harmonics_and_other_columns_are_noted() {
     let written_first = gaussians(Layout::radiance(3), 20);
-    // Columns in place of normals, which plain Gaussians may lack.
+    // Columns instead of normals, which plain Gaussians may lack.
     for names in [
         ["roughness", "metallic", "base_color_0"],
         ["metallic", "refl_strength", "ambient_0"],

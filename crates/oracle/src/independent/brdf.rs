@@ -1,5 +1,5 @@
-//! Light under a whole microfacet reflectance, by quadrature in `f64`: the paper's lobe is a part
-//! of it.
+//! Light under a complete microfacet reflectance, by quadrature in `f64`; the paper's lobe is one
+//! of its factors.
 //!
 //! ```text
 //! L_o(v) = ∫ L(l) f(v, l) (n·l)₊ dl,    f = F(v·h) D(h) G(v, l) / (4 n·v n·l),
@@ -8,25 +8,25 @@
 //!
 //! D is GGX (Walter et al. 2007, eq. 33), G the masking of Smith with correlated heights, 1 / (1 +
 //! Λ(v) + Λ(l)) (Heitz 2014, eqs. 72 and 99), F that of Schlick 1994, F₀ + (1 − F₀) (1 − v·h)⁵.
-//! Light that is reflected more than once between facets is lost, as in any such model. The paper's
-//! L_s keeps of all this one lobe around the mirrored direction, that of D seen from the normal,
-//! and scales it by a tint in place of F and G.
+//! Light that is reflected several times between facets is lost, as in any such model. The paper's
+//! L_s keeps only one lobe around the mirrored direction, that of D seen from the normal, and
+//! scales it by a tint instead of F and G.
 
 use super::sphere::{Direction, Weights, add, cross, dot, integrate, length, normalised, sub};
 use core::f64::consts::PI;
 
 /// Largest width of a cell, as a share of the scale on which D changes.
 const OPENING: f64 = 0.35;
-/// Cells at the horizon, where reflection ends in a kink, are no wider than this share of the
+/// Maximum width of cells at the horizon, where reflection ends in a kink, as a share of the
 /// opening.
 const HORIZON: f64 = 0.05;
 
-/// Light that goes to the eye from a surface, but for its reflectance at normal incidence.
+/// Light from a surface to the eye, before its reflectance at normal incidence is applied.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reflected<const N: usize> {
-    /// Integral that F₀ scales: ∫ L D G / (4 n·v) (1 − (1 − v·h)⁵) dl.
+    /// Integral multiplied by F₀: ∫ L D G / (4 n·v) (1 − (1 − v·h)⁵) dl.
     pub scale: [f64; N],
-    /// The rest, which is there for F₀ = 0 too: ∫ L D G / (4 n·v) (1 − v·h)⁵ dl.
+    /// Remaining integral, independent of F₀: ∫ L D G / (4 n·v) (1 − v·h)⁵ dl.
     pub rest: [f64; N],
 }
 
@@ -58,7 +58,7 @@ pub fn brdf(normal: [f64; 3], to_eye: [f64; 3], light_dir: [f64; 3], roughness: 
     (f0 * scale + rest) / dot(normal, light_dir)
 }
 
-/// A rough surface that is looked at.
+/// A rough surface and its viewing direction.
 struct Facets {
     normal: Direction,
     to_eye: Direction,
@@ -105,8 +105,8 @@ impl Weights<2> for Facets {
         [weight * (1.0 - rest), weight * rest]
     }
 
-    /// h moves by 1 / (2 v·h) of what l does at most, and D changes by as much as h comes nearer to
-    /// the normal, or α.
+    /// h moves at most 1 / (2 v·h) times as far as l, and D changes on the scale of the angle
+    /// between h and the normal, or α.
     fn widest(&self, middle: Direction, width: f64) -> f64 {
         let half = normalised(add(self.to_eye, middle));
         let slowness = 2.0 * dot(self.to_eye, half).max(0.5 * dot(self.normal, self.to_eye));
@@ -137,13 +137,13 @@ mod tests {
         core::array::from_fn(|k| n_dot_v * NORMAL[k] + sine * ACROSS[k])
     }
 
-    /// Light of one from everywhere, all of it reflected where it meets a facet.
+    /// Uniform light of one, reflected completely by each facet.
     fn albedo(roughness: f64, n_dot_v: f64) -> f64 {
         reflected(|_| [1.0], NORMAL, at(n_dot_v), roughness, 1).of(0, 1.0)
     }
 
-    /// The weak white furnace of Heitz 2014: of facets that are seen none is lost, if light is not
-    /// masked and may go below the horizon.
+    /// The weak white furnace of Heitz 2014: no light is lost without masking, if it may go below
+    /// the horizon.
     struct WeakFurnace(Facets);
 
     impl Weights<1> for WeakFurnace {
@@ -154,7 +154,7 @@ mod tests {
             [facets.distribution(half) * seen / (4.0 * dot(facets.normal, facets.to_eye))]
         }
         fn widest(&self, middle: Direction, width: f64) -> f64 {
-            // Opposite of the eye the facet is none in particular.
+            // Opposite of the eye the facet is undefined.
             let opposite = length(add(self.0.to_eye, middle));
             self.0.widest(middle, width).min(self.0.opening * ((opposite - width).max(0.0) + 0.01))
         }
@@ -222,7 +222,7 @@ mod tests {
         let lambda = |cosine: f64| 0.5 * ((1.0 + alpha2 * (1.0 / (cosine * cosine) - 1.0)).sqrt() - 1.0);
         let mut sum = 0.0;
         for step in 0..STEPS {
-            // D n·h dh is the same in equal steps of this.
+            // D n·h dh is constant in equal steps of this variable.
             let share = (step as f64 + 0.5) / STEPS as f64;
             let cosine_h = ((1.0 - share) / (share * (alpha2 - 1.0) + 1.0)).sqrt();
             let sine_h = (1.0 - cosine_h * cosine_h).sqrt();

@@ -1,8 +1,8 @@
-//! Light under a GGX lobe, by quadrature in `f64`: what every prefilter approximates. And a light
-//! that is hard to filter.
+//! Light under a GGX lobe, by quadrature in `f64`: the integral that prefilters approximate. And a
+//! light that is hard to filter.
 //!
-//! Its own faces of the cube, its own lobe, its own solid angles. Numbers are kept in arrays of any
-//! length, so that several lights are integrated at once.
+//! Cube faces, lobe and solid angles are defined here again. Numbers are in arrays of any length,
+//! so several lights are integrated at once.
 
 use super::sphere::{Direction, Weights, cross, dot, integrate, length, normalised, sub};
 use core::array;
@@ -12,13 +12,13 @@ use core::array;
 /// accurate to a few parts in a million.
 const OPENING: f64 = 0.5;
 
-/// P(r, ρ) = ∫ L(ω) D(θ/2) (cos θ)₊ dω / ∫ D(θ/2) (cos θ)₊ dω with cos θ = ω · r: light as a mirror
-/// of perceptual roughness ρ sees it from its normal (paper, eq. L_s, for n = ω_o = r, normalised;
-/// D of Walter et al. 2007, eq. 33).
+/// P(r, ρ) = ∫ L(ω) D(θ/2) (cos θ)₊ dω / ∫ D(θ/2) (cos θ)₊ dω with cos θ = ω · r: light in a mirror
+/// of perceptual roughness ρ, seen along its normal (paper, eq. L_s, for n = ω_o = r, normalised; D
+/// of Walter et al. 2007, eq. 33).
 ///
-/// `radiance` is called with unit vectors. It may have kinks where a cube map of this resolution
-/// has them, between its texels' centres; elsewhere it should be smooth. Roughness is in \[0, 1\];
-/// at 0 the light comes back as it is.
+/// Calls `radiance` with unit vectors. It may have kinks where a cube map of this resolution has
+/// them, between its texels' centres; elsewhere it should be smooth. Roughness is in \[0, 1\]; at 0
+/// the light is unchanged.
 pub fn filtered<const N: usize>(
     radiance: impl Fn([f64; 3]) -> [f64; N],
     reflection_dir: [f64; 3],
@@ -45,7 +45,7 @@ impl Lobe {
 }
 
 impl Weights<1> for Lobe {
-    /// D(θ/2) (cos θ)₊ but for a factor: α⁴ / (cos⁴(θ/2) (α² + tan²(θ/2))²) · cos θ.
+    /// D(θ/2) (cos θ)₊ up to a factor: α⁴ / (cos⁴(θ/2) (α² + tan²(θ/2))²) · cos θ.
     fn of(&self, light_dir: Direction) -> [f64; 1] {
         let cosine = dot(light_dir, self.reflection_dir);
         let sine = length(cross(light_dir, self.reflection_dir));
@@ -65,8 +65,8 @@ impl Weights<1> for Lobe {
 }
 
 /// A cube map, bilinear between the centres of its texels, also across edges; faces are +X −X +Y −Y
-/// +Z −Z, rows down, as in OpenGL. Beside a corner, where three texels meet, their mean replaces
-/// the fourth.
+/// +Z −Z, rows down, as in OpenGL. At a corner, where three texels meet, their mean replaces the
+/// fourth.
 #[derive(Clone, Debug)]
 pub struct CubeMap<const N: usize> {
     /// Texels along an edge.
@@ -76,8 +76,8 @@ pub struct CubeMap<const N: usize> {
 }
 
 impl<const N: usize> CubeMap<N> {
-    /// Each texel is the mean of the light through it, over `samples`² points, by their solid
-    /// angles.
+    /// Map with the mean of the light in each texel, over `samples`² points weighted by solid
+    /// angle.
     pub fn new(resolution: usize, samples: usize, radiance: impl Fn([f64; 3]) -> [f64; N]) -> Self {
         let along = |index: usize, sample: usize| {
             2.0 * (index as f64 + (sample as f64 + 0.5) / samples as f64) / resolution as f64 - 1.0
@@ -132,7 +132,7 @@ impl<const N: usize> CubeMap<N> {
     }
 }
 
-/// Axes of a face: which axis it lies across, then where columns and rows run to, each with a sign.
+/// Axes of a face: its normal, then the directions of columns and rows, each with a sign.
 const FACES: [[(usize, f64); 3]; 6] = [
     [(0, 1.0), (2, -1.0), (1, -1.0)],
     [(0, -1.0), (2, 1.0), (1, -1.0)],
@@ -160,8 +160,8 @@ fn face_of(direction: Direction) -> (usize, [f64; 2]) {
 }
 
 /// A light that is hard to filter, z up: a sky that brightens to the horizon, a sun of radius 2.5°,
-/// a band of windows with panes, a chequered floor. The first three numbers are as a display shows
-/// them, limited to [0, 1]; the last three have a sun of 200 and windows of 8.
+/// a band of windows with panes, a chequered floor. The first three numbers are clamped to [0, 1]
+/// like a display's; the last three have a sun of 200 and windows of 8.
 pub fn studio(direction: [f64; 3]) -> [f64; 6] {
     const SUN_DIR: Direction = [0.48, -0.6, 0.64];
     const SUN_COSINE: f64 = 0.999_048_221_581_857_8; // of 2.5°
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mirror_shows_the_light_as_it_is() {
+    fn a_mirror_shows_the_unchanged_light() {
         assert_eq!(filtered(studio, AXIS, 0.0, 8), studio(AXIS), "nothing is integrated");
     }
 

@@ -1,4 +1,4 @@
-//! Pictures of solids by path tracing: light of every bounce, by chance.
+//! Pictures of solids by path tracing: light of all bounces.
 //!
 //! A path starts at the eye and is reflected from solid to solid until it leaves for the sky. Each
 //! surface reflects by the material of [`specula_core::physical`](mod@specula_core::physical): with
@@ -8,8 +8,8 @@
 //! f(v, l) = (1 − ρ(n·v)) (1 − m) a / π + f_GGX(v, l; F₀)
 //! ```
 //!
-//! where f_GGX is that of [`super::brdf`] and ρ its albedo for F₀ = 0.04: a dielectric passes on to
-//! its diffuse layer the light that its surface does not reflect. Directions are drawn from D(h)
+//! where f_GGX is that of [`super::brdf`] and ρ its albedo for F₀ = 0.04: a dielectric transmits
+//! the light that its surface does not reflect to its diffuse layer. Directions are drawn from D(h)
 //! n·h or by their cosine, and weighted by f n·l over the density of both (Veach and Guibas 1995,
 //! "Optimally Combining Sampling Techniques for Monte Carlo Rendering"). Suns are points, seen
 //! along one ray from every surface.
@@ -24,11 +24,11 @@ use rayon::prelude::*;
 
 /// Reflectance of dielectrics at normal incidence.
 const DIELECTRIC: f64 = 0.04;
-/// Distance from a surface at which a path goes on.
+/// Distance from a surface at which a path continues.
 const STEP: f64 = 1e-6;
 /// Entries of the table of albedos.
 const ALBEDOS: usize = 64;
-/// Share of directions that are drawn from the facets.
+/// Share of directions sampled from the facets.
 const OF_FACETS: f64 = 0.5;
 
 /// Form of a solid.
@@ -77,7 +77,7 @@ pub struct World<'a> {
     solids: &'a [Solid],
     sky: &'a (dyn Fn(DVec3) -> DVec3 + Sync),
     suns: &'a [Sun],
-    /// For each solid, its surface's albedo for F₀ = 0.04 in equal steps of n·v.
+    /// Albedo of each solid's surface for F₀ = 0.04 in equal steps of n·v.
     albedos: Vec<[f64; ALBEDOS]>,
 }
 
@@ -100,7 +100,7 @@ struct Hit {
 pub struct Traced {
     /// Mean radiance of its paths that hit a solid, linear.
     pub radiance: [f64; 3],
-    /// Share of its paths that do.
+    /// Share of its paths that hit a solid.
     pub coverage: f64,
 }
 
@@ -116,14 +116,14 @@ impl<'a> World<'a> {
         Self { solids, sky, suns, albedos: solids.iter().map(table).collect() }
     }
 
-    /// Picture of a view, of paths that are reflected at most `bounces` times after the first
-    /// surface: without any, only the sky and the suns light a surface. `samples` paths along each
-    /// edge of a pixel start from places of their own.
+    /// Picture of a view, from paths with at most `bounces` reflections after the first surface:
+    /// with 0, only the sky and the suns light a surface. `samples`² stratified paths start in each
+    /// pixel.
     pub fn picture(&self, view: &View, bounces: u32, samples: usize, seed: u64) -> Vec<Traced> {
         (0..view.pixel_count()).into_par_iter().map(|pixel| self.pixel(view, pixel, bounces, samples, seed)).collect()
     }
 
-    /// Index of the solid that is seen through the middle of a pixel, and its normal there.
+    /// Index of the solid at the centre of a pixel, and its normal there.
     pub fn seen(&self, view: &View, pixel: usize) -> Option<(usize, DVec3)> {
         let direction = (view.camera_from_world.transpose() * view.ray(pixel)).normalize();
         self.hit(view.position, direction).map(|hit| (hit.solid, hit.normal))
@@ -146,7 +146,7 @@ impl<'a> World<'a> {
         Traced { radiance: (sum / met.max(1) as f64).to_array(), coverage: met as f64 / all }
     }
 
-    /// Light that a path from a hit brings back.
+    /// Light along a path from a hit.
     fn light_of(&self, eye: DVec3, ray: DVec3, first: Hit, bounces: u32, chance: &mut Chance) -> DVec3 {
         let (mut origin, mut direction, mut hit) = (eye, ray, first);
         let (mut light, mut weight) = (DVec3::ZERO, DVec3::ONE);
@@ -200,7 +200,7 @@ impl<'a> World<'a> {
 }
 
 impl Shape {
-    /// Distance along a ray of unit length at which it enters, and the unit normal there.
+    /// Distance along a unit ray to the entry point, and the unit normal there.
     fn meet(&self, origin: DVec3, direction: DVec3) -> Option<(f64, DVec3)> {
         match *self {
             Self::Ball { center, radius } => {
@@ -262,7 +262,7 @@ impl Shape {
     }
 }
 
-/// Direction above a surface, and its density per steradian; none below it.
+/// Direction above a surface, and its density per steradian; `None` below it.
 fn draw_direction(normal: DVec3, to_eye: DVec3, roughness: f64, chance: &mut Chance) -> Option<(DVec3, f64)> {
     let alpha2 = roughness.powi(4);
     let (across, along) = normal.any_orthonormal_pair();
@@ -312,7 +312,7 @@ mod tests {
     use super::*;
     use crate::independent::assert_close;
 
-    /// Chance of 90 000 paths.
+    /// Noise of 90 000 paths.
     const CHANCE: f64 = 0.01;
 
     fn ball(albedo: f64, metalness: f64, roughness: f64) -> Solid {
@@ -338,14 +338,14 @@ mod tests {
     }
 
     #[test]
-    fn a_white_dielectric_in_a_furnace_gives_back_all_light() {
+    fn a_white_dielectric_in_a_furnace_reflects_all_light() {
         let solids = [ball(1.0, 0.0, 0.4)];
         let light = facing(&World::new(&solids, &|_| DVec3::ONE, &[]), 0);
         assert_close(light.x, 1.0, CHANCE);
     }
 
     #[test]
-    fn metals_in_a_furnace_reflect_as_much_as_quadrature_says() {
+    fn metals_in_a_furnace_match_quadrature() {
         for roughness in [0.1, 0.5, 0.9] {
             let solids = [ball(1.0, 1.0, roughness)];
             let light = facing(&World::new(&solids, &|_| DVec3::splat(2.0), &[]), 0);
@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn suns_light_what_faces_them_and_solids_hide_them() {
+    fn suns_light_facing_surfaces_and_solids_cast_shadows() {
         let towards = DVec3::new(0.6, -0.8, 0.0);
         let suns = [Sun { direction: towards, irradiance: DVec3::splat(3.0) }];
         let black: &(dyn Fn(DVec3) -> DVec3 + Sync) = &|_| DVec3::ZERO;
@@ -384,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn points_lie_on_the_surface_and_share_it() {
+    fn points_cover_the_surface_evenly() {
         for (shape, area) in [
             (Shape::Ball { center: DVec3::X, radius: 0.5 }, PI),
             (Shape::Block { center: DVec3::Y, half: DVec3::new(1.0, 0.5, 0.25) }, 7.0),

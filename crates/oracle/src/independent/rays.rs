@@ -5,22 +5,22 @@
 //! − t w|² is its squared distance from the mean in standard deviations. As d is (x, y, 1), t is a
 //! depth.
 //!
-//! Σ holds the low-pass: a variance of 0.3 px² across and down, or another, in the plane of the
+//! Σ includes the low-pass: a variance of 0.3 px² across and down, or another, in the plane of the
 //! screen at the mean's depth. If it is compensated, the opacity is multiplied by the root of the
 //! ratio of determinants on the screen, without and with it. L comes from rows of length five, the
-//! three axes and two of the low-pass, made orthogonal one after the other (Gram and Schmidt), so
-//! that discs and needles keep the digits that a covariance would have lost.
+//! three axes and two of the low-pass, orthogonalised one after the other (Gram–Schmidt), so discs
+//! and needles keep the digits that a covariance would lose.
 
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 use specula_core::{camera::Camera, scene::Image};
 
-/// Largest alpha, as the model's 32 bits hold it.
+/// Largest alpha, rounded to the model's 32 bits.
 const ALPHA_MAX: f64 = 0.99_f32 as f64;
-/// Smaller alphas are skipped before sorting: a million of them together are a millionth.
+/// Smaller alphas are skipped before sorting: the sum of a million of them is a millionth.
 const ALPHA_MIN: f64 = 1e-12;
 
-/// Least compensation of a low-pass, squared, as the model's 32 bits hold it.
+/// Smallest compensation of a low-pass, squared, rounded to the model's 32 bits.
 const COMPENSATION_MIN: f64 = 1e-6_f32 as f64;
 
 /// Low-pass on the screen.
@@ -28,16 +28,16 @@ const COMPENSATION_MIN: f64 = 1e-6_f32 as f64;
 pub struct LowPass {
     /// Variance, in px².
     pub variance: f64,
-    /// Whether opacity makes up for the larger area.
+    /// True if opacity compensates for the larger area.
     pub is_compensated: bool,
 }
 
 impl LowPass {
-    /// INRIA's, as the model's 32 bits hold it.
+    /// INRIA's low-pass, rounded to the model's 32 bits.
     pub const INRIA: Self = Self { variance: 0.3_f32 as f64, is_compensated: false };
 }
 
-/// Gaussian whose numbers are activated.
+/// Gaussian with activated numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gaussian {
     /// Centre, in world space.
@@ -61,7 +61,7 @@ pub struct View {
     pub focal_px: [f64; 2],
     /// Principal point, in pixels from the upper left corner.
     pub principal_px: [f64; 2],
-    /// Near plane: Gaussians that are no deeper are not drawn; at least zero.
+    /// Near plane, at least zero: only deeper Gaussians are drawn.
     pub near: f64,
     /// Pixels in a row, and rows.
     pub size: [usize; 2],
@@ -96,22 +96,22 @@ impl View {
 /// Order of Gaussians along a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
-    /// The depth of the mean, the same in all pixels: what pipelines do. A Gaussian is drawn if its
-    /// mean is deeper than the near plane, and along rays on which it is largest behind the eye it
-    /// has the strength that it has at the eye.
+    /// Depth of the mean, the same in all pixels, as in common pipelines. A Gaussian is drawn if
+    /// its mean is deeper than the near plane; along rays with the maximum behind the eye it has
+    /// its strength at the eye.
     Mean,
-    /// The distance of the mean from the eye, the same in all pixels and however the camera is
-    /// turned; else as above.
+    /// Distance of the mean from the eye, the same in all pixels and for any rotation of the
+    /// camera; otherwise as above.
     Distance,
-    /// The depth of the largest response along the ray of each pixel. A Gaussian is skipped in the
-    /// pixels where that is behind the eye, or not deeper than the near plane.
+    /// Depth of the largest response along the ray of each pixel. A Gaussian is skipped in pixels
+    /// where that is behind the eye, or not deeper than the near plane.
     Response,
 }
 
 /// Channels of Gaussians as a picture: premultiplied planes, then the transmittance behind them.
-/// Nothing is tiled, culled or ended early: every Gaussian is evaluated in every pixel. `channels`
-/// has a list of one length for each Gaussian; those that are equally deep keep the order in which
-/// they come.
+/// There are no tiles, culling or early termination: every Gaussian is evaluated in every pixel.
+/// `channels` has a list of the same length for each Gaussian; Gaussians of equal depth keep their
+/// order.
 pub fn blend(gaussians: &[Gaussian], channels: &[Vec<f64>], view: &View, order: Order) -> Image<Vec<f64>> {
     let count = channels.first().map_or(0, Vec::len);
     let in_camera: Vec<GaussianInCamera> =
@@ -132,7 +132,7 @@ struct GaussianInCamera {
     depth: f64,
     distance: f64,
     opacity: f64,
-    /// Beyond this squared distance alphas are too small.
+    /// Squared distance beyond which alphas are negligible.
     farthest: f64,
 }
 
@@ -153,7 +153,7 @@ struct Hit {
 }
 
 impl GaussianInCamera {
-    /// None for numbers that are not finite.
+    /// `None` for numbers that are not finite.
     fn new(index: usize, gaussian: &Gaussian, view: &View) -> Option<Self> {
         let mean = view.camera_from_world * (gaussian.mean - view.position);
         let axes = view.camera_from_world * gaussian.axes;
@@ -202,7 +202,7 @@ fn compensation(axes: DMat3, mean: DVec3, focal_px: [f64; 2], variance: f64) -> 
     (areas / blurred).max(COMPENSATION_MIN).sqrt()
 }
 
-/// L of Σ = A Aᵀ + low-pass: rows of (A | low-pass), each less its parts along those before it.
+/// L of Σ = A Aᵀ + low-pass: rows of (A | low-pass), each orthogonalised against the previous ones.
 fn root_of_covariance(axes: DMat3, depth: f64, focal_px: [f64; 2], variance: f64) -> Root {
     let widened = |axis: usize| variance.sqrt() * depth / focal_px[axis];
     let row = |k: usize, across: f64, down: f64| {
@@ -245,7 +245,7 @@ fn hits(gaussians: &[GaussianInCamera], ray: DVec3, near: f64, order: Order) -> 
     hits
 }
 
-/// Σ α T of each channel, then the T that is left.
+/// Σ α T of each channel, then the remaining T.
 fn composite(hits: &[Hit], channels: &[Vec<f64>], count: usize) -> Vec<f64> {
     let mut pixel = vec![0.0; count + 1];
     let mut transmittance = 1.0;

@@ -1,14 +1,14 @@
-//! Integrals over all directions, on the faces of a cube, in cells as small as the integrand needs.
+//! Integrals over all directions, on the faces of a cube, in adaptive cells.
 //!
-//! Numbers are kept in arrays of any length, so that several lights and several weights are
-//! integrated at once.
+//! Numbers are in arrays of any length, so several lights and several weights are integrated at
+//! once.
 
 use core::array;
 
 /// A unit vector.
 pub(super) type Direction = [f64; 3];
 
-/// Gauss and Legendre's points for three along [−1, 1], and their weights.
+/// Gauss–Legendre points of order three on [−1, 1], and their weights.
 const GAUSS: [(f64, f64); 3] =
     [(-0.774_596_669_241_483_4, 5.0 / 9.0), (0.0, 8.0 / 9.0), (0.774_596_669_241_483_4, 5.0 / 9.0)];
 
@@ -16,10 +16,10 @@ const GAUSS: [(f64, f64); 3] =
 pub(super) trait Weights<const M: usize> {
     /// The weights of light from a direction.
     fn of(&self, light_dir: Direction) -> [f64; M];
-    /// Largest width of a cell around a direction that is this wide now.
+    /// Largest width of a cell around a direction, given its current width.
     fn widest(&self, middle: Direction, width: f64) -> f64;
-    /// Whether all weights are zero in a direction. Where they are at all corners of a cell, they
-    /// are in all of it.
+    /// True if all weights are zero in a direction. If so at all corners of a cell, the whole cell
+    /// is skipped.
     fn are_zero(&self, light_dir: Direction) -> bool;
 }
 
@@ -61,7 +61,7 @@ fn lines_of(resolution: usize) -> Vec<f64> {
 /// A rectangle on a face of the cube.
 #[derive(Clone, Copy)]
 struct Cell {
-    /// The axis that the face lies across, and on which side.
+    /// Axis of the face's normal, and its sign.
     axis: usize,
     side: f64,
     /// Its middle.

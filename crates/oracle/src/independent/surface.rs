@@ -7,7 +7,7 @@ use specula_core::scene::{
 
 use super::rays::{Gaussian, LowPass};
 
-/// Pixels of less coverage count as this well covered, as the model's 32 bits hold it.
+/// Lower bound of coverage in divisions, rounded to the model's 32 bits.
 const COVERAGE_MIN: f64 = 1e-3_f32 as f64;
 
 /// Surface of a Gaussian; all numbers after activation.
@@ -25,7 +25,7 @@ pub enum Look {
 pub struct Surface {
     /// The shortest axis, of unit length.
     pub axis: DVec3,
-    /// Δn₁, where the axis faces the eye, and Δn₂, where it does not.
+    /// Δn₁ if the axis faces the eye, and Δn₂ if it does not.
     pub normal_residuals: [DVec3; 2],
     /// c_d.
     pub diffuse: DVec3,
@@ -40,7 +40,7 @@ pub struct Surface {
 /// Light along a direction, filtered for a perceptual roughness: L_s.
 pub type Light<'a> = dyn Fn(DVec3, f64) -> DVec3 + Sync + 'a;
 
-/// Gaussians of a cloud, and their looks.
+/// Gaussians, and their appearances.
 pub fn gaussians(cloud: &Gaussians<Vec<f32>>) -> Vec<(Gaussian, Look)> {
     let wide = |k: usize, first: usize| DVec3::from_array(cloud.get::<3>(k, first).map(f64::from));
     let harmonics = |k: usize| (0..cloud.layout.sh_count()).map(|n| wide(k, cloud.layout.sh_start() + 3 * n)).collect();
@@ -78,7 +78,7 @@ pub fn gaussians(cloud: &Gaussians<Vec<f32>>) -> Vec<(Gaussian, Look)> {
     (0..cloud.count).map(one).collect()
 }
 
-/// The first of the shortest.
+/// The first of several shortest axes.
 fn shortest(scales: DVec3) -> usize {
     (1..3).fold(0, |least, k| if scales[k] < scales[least] { k } else { least })
 }
@@ -96,8 +96,8 @@ impl Look {
         }
     }
 
-    /// The colour that a Gaussian shows, sRGB: γ(c_d + s ⊙ L_s + c_r) for surfaces (paper, eq. 3).
-    /// `to_eye` is a unit vector.
+    /// Colour of a Gaussian, sRGB: γ(c_d + s ⊙ L_s + c_r) for surfaces (paper, eq. 3). `to_eye` is
+    /// a unit vector.
     pub fn color(&self, to_eye: DVec3, light: &Light<'_>) -> DVec3 {
         match self {
             Self::Radiance(harmonics) => (sum_of_harmonics(harmonics, -to_eye) + 0.5).max(DVec3::ZERO),
@@ -110,7 +110,7 @@ impl Look {
 }
 
 impl Surface {
-    /// n = v + Δn₁, or −(v + Δn₂) where the axis v faces away; of unit length.
+    /// n = v + Δn₁, or −(v + Δn₂) if the axis v faces away; of unit length.
     pub fn normal(&self, to_eye: DVec3) -> DVec3 {
         let [first, second] = self.normal_residuals;
         let sum = if self.axis.dot(to_eye) >= 0.0 { self.axis + first } else { -(self.axis + second) };
@@ -122,7 +122,7 @@ impl Surface {
         self.diffuse + sum_of_harmonics(&self.residual, -to_eye)
     }
 
-    /// Channels that are blended for light per pixel: base, normal, tint, roughness.
+    /// Blended channels for light per pixel: base, normal, tint, roughness.
     pub fn channels(&self, to_eye: DVec3) -> Vec<f64> {
         let vectors = [self.base(to_eye), self.normal(to_eye), self.tint];
         vectors.iter().flat_map(|v| v.to_array()).chain([self.roughness]).collect()
@@ -132,8 +132,8 @@ impl Surface {
 /// Number of [`Surface::channels`].
 pub const SURFACE_CHANNELS: usize = 10;
 
-/// The colour of a pixel, sRGB and premultiplied, from what [`Surface::channels`] came to there and
-/// its transmittance: the shading function of the mean surface.
+/// Colour of a pixel, sRGB and premultiplied, from its blended [`Surface::channels`] and its
+/// transmittance: the shading function of the mean surface.
 pub fn pixel_color(blended: &[f64; SURFACE_CHANNELS], transmittance: f64, to_eye: DVec3, light: &Light<'_>) -> DVec3 {
     let coverage = 1.0 - transmittance;
     let of = |first: usize| DVec3::from_slice(&blended[first..]);
@@ -154,8 +154,7 @@ fn srgb(linear: DVec3) -> DVec3 {
     linear.to_array().map(curve).into()
 }
 
-/// Real spherical harmonics with the signs of the field (Sloan 2008, with the phase of Condon and
-/// Shortley).
+/// Real spherical harmonics with the usual signs (Sloan 2008, with the Condon–Shortley phase).
 pub fn sum_of_harmonics(coefficients: &[DVec3], direction: DVec3) -> DVec3 {
     let [x, y, z] = direction.to_array();
     let basis = [

@@ -19,7 +19,7 @@ pub(super) fn differences_in(scene: &str, runs: &[Run]) -> Vec<String> {
     let sentences = |run: &Run| {
         let folders = [first, run].map(|run| shown(&run.folder));
         let sentence = |verb: &str, [one, other]: [String; 2]| {
-            format!("not comparable: {} was {verb} {one}, and {} {other}", folders[0], folders[1])
+            format!("not comparable: {} was {verb} {one}, but {} {other}", folders[0], folders[1])
         };
         let trained = training_differences(first, run).into_iter().map(|phrases| sentence("trained", phrases));
         let measured = measurement_difference(first, run).map(|phrases| sentence("measured", phrases));
@@ -60,7 +60,7 @@ fn measurement_difference(one: &Run, other: &Run) -> Option<[String; 2]> {
     }
 }
 
-/// First difference of two lists of views in size, name or position.
+/// First difference between two lists of views in size, name or position.
 fn view_difference(one: &[NamedCamera], other: &[NamedCamera]) -> Option<[String; 2]> {
     let pairs = || one.iter().zip(other);
     let size = |(_, camera): &NamedCamera| [camera.width, camera.height];

@@ -17,7 +17,7 @@ pub enum Format {
     Latex,
 }
 
-/// Tables as text, with warnings where the format has a place for them.
+/// Tables as text, with warnings if the format supports them.
 pub(super) fn text(format: Format, tables: &[Table], warnings: &[String]) -> String {
     let warnings: Vec<String> = warnings.iter().map(|warning| printable(warning)).collect();
     match format {
@@ -67,8 +67,8 @@ fn cell_text(cell: Option<&Cell>, bold: impl Fn(&str) -> String) -> String {
     }
 }
 
-/// Numbers with every digit. For several scenes the first column names the quantity. Where runs
-/// differ in their seed, each column is followed by one of standard deviations.
+/// Numbers with every digit. For several scenes the first column names the quantity. If runs differ
+/// in their seed, each column is followed by its standard deviations.
 fn csv(tables: &[Table]) -> String {
     let name = |head: &Head| {
         let unit = if head.unit.is_empty() { String::new() } else { format!(" {}", head.unit) };

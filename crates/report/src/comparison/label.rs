@@ -8,11 +8,11 @@ use std::collections::{BTreeMap, BTreeSet};
 const NOT_SHOWN: [&str; 6] =
     ["source-path", "executor", "checkpoint-every", "save-iterations", "test-iterations", "profile"];
 
-/// Setting whose values are samples of one result.
+/// Setting that only selects a sample of one result.
 const SEED: &str = "seed";
 
-/// Label of each run: equal for runs with equal settings in several scenes. Within a scene, runs of
-/// one label differ only in their seed.
+/// Label of each run: equal for runs with equal settings in several scenes. Within a scene, runs
+/// with one label differ only in their seed.
 pub(super) fn labels(runs: &[Run]) -> Vec<String> {
     let profiles: Vec<String> = runs.iter().map(|run| run.profile.clone()).collect();
     let mut differing = differing(runs);
@@ -33,7 +33,7 @@ fn are_distinct(runs: &[Run], labels: &[String]) -> bool {
     })
 }
 
-/// Whether two runs of a scene differ in their seed and in nothing else that shapes a result.
+/// True if two runs of a scene differ only in their seed, among settings that shape a result.
 fn is_other_sample(one: &Run, other: &Run) -> bool {
     let settings = |run: &Run| {
         let shaping = run.settings.iter().filter(|(key, _)| !NOT_SHOWN.contains(&key.as_str()) && *key != SEED);
@@ -57,7 +57,7 @@ fn differing(runs: &[Run]) -> Vec<String> {
     keys.into_iter().filter(|key| !NOT_SHOWN.contains(&key.as_str()) && differ(key)).cloned().collect()
 }
 
-/// Profile followed by these settings as they are typed.
+/// Profile followed by these settings as options.
 fn profile_and_settings(run: &Run, keys: &[String]) -> String {
     let setting = |key: &String| match run.settings.get(key)? {
         toml::Value::Boolean(is_on) => is_on.then(|| key.clone()),

@@ -21,14 +21,14 @@ pub struct Comparison {
     runs: Vec<Run>,
 }
 
-/// Measure that a run lacks although it could be taken.
+/// Missing measure of a run that could be computed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Missing {
     /// Folder of the run.
     pub folder: PathBuf,
     /// Label of the measure.
     pub measure: &'static str,
-    /// Kind of measurement that takes it.
+    /// Kind of measurement that computes it.
     pub measurement: Measurement,
 }
 
@@ -37,7 +37,7 @@ impl Comparison {
     ///
     /// # Errors
     ///
-    /// A folder without a model, or a file of one that cannot be understood.
+    /// A folder without a model, or a file that cannot be parsed.
     pub fn read(folders: &[impl AsRef<Path>]) -> Result<Self> {
         Ok(Self { runs: folders.iter().map(|folder| Run::read(folder.as_ref())).collect::<Result<_>>()? })
     }
@@ -49,7 +49,7 @@ impl Comparison {
 
     /// Measures that some runs lack, by measure.
     pub fn missing(&self) -> Vec<Missing> {
-        let of_quantity = |quantity: Quantity| {
+        let missing_of = |quantity: Quantity| {
             let lacking = self.runs.iter().filter(move |run| quantity.is_missing(run, &self.runs));
             lacking.map(move |run| Missing {
                 folder: run.folder.clone(),
@@ -57,7 +57,7 @@ impl Comparison {
                 measurement: quantity.measurement(),
             })
         };
-        Quantity::all().flat_map(of_quantity).collect()
+        Quantity::all().flat_map(missing_of).collect()
     }
 
     /// Runs whose newest iteration was not measured, with that iteration.
@@ -65,19 +65,19 @@ impl Comparison {
         self.runs.iter().filter_map(|run| Some((run.folder.as_path(), run.unmeasured?)))
     }
 
-    /// Measured runs whose training held no views out.
+    /// Measured runs without test views.
     pub fn without_held_out_views(&self) -> impl Iterator<Item = &Path> {
         self.runs.iter().filter(|run| run.held_nothing_out).map(|run| run.folder.as_path())
     }
 
-    /// Sentences about why runs of one scene are not comparable.
+    /// Reasons why runs of one scene are not comparable.
     pub fn differences(&self) -> Vec<String> {
         let scenes = table::scenes(&self.runs).into_iter();
         scenes.flat_map(|scene| comparability::differences_in(scene, &self.runs)).collect()
     }
 
-    /// Table as text, with these warnings where the format has a place for them. Nothing is marked
-    /// as best where runs are not comparable.
+    /// Table as text, with these warnings if the format supports them. Nothing is marked as best if
+    /// runs are not comparable.
     pub fn to_text(&self, format: Format, warnings: &[String]) -> String {
         format::text(format, &table::tables(&self.runs, &label::labels(&self.runs)), warnings)
     }

@@ -93,7 +93,7 @@ impl Quantity {
         }
     }
 
-    /// Whether a table has a column for it.
+    /// True if a table has a column for the quantity.
     pub(super) fn is_shown(self, runs: &[Run]) -> bool {
         let is_known = runs.iter().any(|run| self.value(run).is_some());
         let first = |run: &Run| runs.iter().find(|first| first.scene == run.scene);
@@ -106,13 +106,13 @@ impl Quantity {
         matches!([self.value(one), self.value(other)], [Some(a), Some(b)] if a != b)
     }
 
-    /// Whether a run lacks a measure that could be taken: another run has it, of the same scene
-    /// where ground truth of normals or of other lights is needed.
+    /// True if a run lacks a measure that could be computed: another run has it, of the same scene
+    /// if it needs ground truth of normals or other lights.
     pub(super) fn is_missing(self, run: &Run, runs: &[Run]) -> bool {
         let is_measurable = match self {
             Self::Relit(index) => run.is_shaded && index == 0,
             Self::Measure(ALBEDO_PSNR) | Self::LightCorrelation => run.is_physical,
-            // They are taken with the albedo and the correlation.
+            // They are computed with the albedo and the correlation.
             Self::Measure(ROUGHNESS_ERROR | METALNESS_ERROR) | Self::LightScale => false,
             Self::Measure(_) => true,
             Self::Condition(_) | Self::Gaussians | Self::Seconds | Self::Size => false,
@@ -123,7 +123,7 @@ impl Quantity {
         self.value(run).is_none() && is_measurable && others.any(|other| self.value(other).is_some())
     }
 
-    /// Kind of measurement that takes it.
+    /// Kind of measurement that computes it.
     pub(super) fn measurement(self) -> Measurement {
         match self {
             Self::Measure(LPIPS) => Measurement::Lpips,
@@ -133,7 +133,7 @@ impl Quantity {
     }
 }
 
-/// Kind of measurement that takes a missing measure.
+/// Kind of measurement that computes a missing measure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Measurement {
     /// Measurement without further input.

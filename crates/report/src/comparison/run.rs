@@ -22,12 +22,12 @@ use std::{
 
 /// Bytes per megabyte.
 const MEGABYTE: f64 = 1e6;
-/// Most lines of a PLY header.
+/// Maximum number of lines of a PLY header.
 const HEADER_LINES_MAX: usize = 1000;
-/// Most bytes of a PLY header.
+/// Maximum number of bytes of a PLY header.
 const HEADER_LEN_MAX: u64 = 1 << 20;
 
-/// Condition of a training that has to be equal in a fair comparison.
+/// Condition of a training that must be equal in a fair comparison.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Condition {
     /// Head of its column.
@@ -69,7 +69,7 @@ pub(super) struct Run {
     pub(super) seconds: Option<f64>,
     /// Size of the files of Gaussians and light.
     pub(super) megabytes: Option<f64>,
-    /// Newest iteration, if the measures are of an earlier one.
+    /// Newest iteration, if the measures belong to an earlier one.
     pub(super) unmeasured: Option<u32>,
     /// Entries of `config.toml`.
     pub(super) settings: toml::Table,
@@ -77,7 +77,7 @@ pub(super) struct Run {
     pub(super) lpips_network: Option<String>,
     /// Views of the measurement; none if unknown.
     pub(super) views: Vec<NamedCamera>,
-    /// Whether it was measured although the training held no views out.
+    /// True if it was measured on training views.
     pub(super) held_nothing_out: bool,
     pub(super) background: Option<[f64; 3]>,
 }
@@ -87,13 +87,13 @@ impl Run {
     ///
     /// # Errors
     ///
-    /// A folder without a model, or a file that cannot be understood.
+    /// A folder without a model, or a file that cannot be parsed.
     pub(super) fn read(folder: &Path) -> Result<Self> {
         let latest = model_folder::latest_iteration(folder).ok();
         let mut results: Methods<Results> = read_json(&folder.join("results.json"))?;
         let measured_at = results.keys().filter_map(|method| method.strip_prefix("ours_")?.parse::<u32>().ok()).max();
         let Some(iteration) = measured_at.or(latest) else {
-            return Err(Error::Input(format!("{folder:?} holds no model; name folders that specula train wrote")));
+            return Err(Error::Input(format!("{folder:?} has no model; give folders of specula train")));
         };
         let method = model_folder::method_of(iteration);
         let results = results.remove(&method).and_then(|Lenient(results)| results).unwrap_or_default();
@@ -145,7 +145,8 @@ impl Run {
     }
 }
 
-/// Value of a JSON file; none where it is absent or of another type, as other programs may write.
+/// Value in a JSON file; `None` if it is missing or has another type, as in files of other
+/// programs.
 #[derive(Debug)]
 struct Lenient<T>(Option<T>);
 
@@ -182,7 +183,7 @@ struct TimelineEntry {
     seconds: Lenient<f64>,
 }
 
-/// Facts of `specula.json` beside those of every model.
+/// Facts of `specula.json` other than those of every model.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct Facts {

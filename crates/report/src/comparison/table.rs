@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 pub(super) struct Head {
     pub(super) label: String,
     pub(super) unit: &'static str,
-    /// Direction of better values; none where no value is better.
+    /// Direction of better values; `None` if there is none.
     pub(super) higher_is_better: Option<bool>,
 }
 
@@ -39,7 +39,7 @@ impl Cell {
         Self { value, text: quantity.format(value), deviation: None, is_best: false }
     }
 
-    /// Mean of runs and its deviation; none where a run lacks the quantity, or without runs.
+    /// Mean of runs and its deviation; none if a run lacks the quantity, or without runs.
     fn of_runs<'a>(quantity: Quantity, runs: impl Iterator<Item = &'a Run>) -> Option<Self> {
         let values: Vec<f64> = runs.map(|run| quantity.value(run)).collect::<Option<_>>()?;
         let count = values.len() as f64;
@@ -57,9 +57,9 @@ type Row = (String, Vec<Option<Cell>>);
 /// Table, or a part of one.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Table {
-    /// Quantity of a table of several scenes; none where each column has its own.
+    /// Quantity of a table of several scenes; `None` if each column has its own.
     pub(super) title: Option<Head>,
-    /// Heads of the columns, first that of the labels.
+    /// Heads of the columns, starting with that of the labels.
     pub(super) heads: Vec<Head>,
     pub(super) rows: Vec<Row>,
 }

@@ -10,7 +10,8 @@ use specula_scene::text::shown;
 use std::path::Path;
 
 /// HTML of the page, which requests nothing from outside its folder. The first of `rows` are the
-/// heads of the table of both trainings, of `iterations` steps each; `folder` is that of the demo.
+/// heads of the table of both trainings, of `iterations` steps each; `folder` is the folder of the
+/// demo.
 ///
 /// # Errors
 ///

@@ -15,14 +15,14 @@ use specula_train::{
 };
 use std::path::Path;
 
-/// Lights of the data set, under which some test views are known.
+/// Lights of the data set with ground truth of some test views.
 pub const LIGHTS: [&str; 2] = ["forest", "sunset"];
 
 /// Test views of the comparison.
 const COMPARED: [&str; 3] = ["r_0", "r_14", "r_24"];
 /// Test views with ground truth under other lights.
 const RELIT: [&str; 2] = ["r_8", "r_28"];
-/// Test views whose layers are shown.
+/// Test views of the layers.
 const LAYERED: [&str; 2] = ["r_0", "r_24"];
 /// Layers and their captions.
 const LAYERS: [(Layer, &str); 5] = [
@@ -32,7 +32,7 @@ const LAYERS: [(Layer, &str); 5] = [
     (Layer::Roughness, "roughness, black is a mirror"),
     (Layer::Normal, "normals"),
 ];
-/// Mean error of a pixel that has the brightest colour, on a scale from 0 to 1.
+/// Mean error that maps to the brightest colour, on a scale from 0 to 1.
 const ERROR_MAX: f32 = 0.25;
 /// Width and height of pictures of lights.
 const LIGHT_SIZE: [usize; 2] = [320, 160];
@@ -62,13 +62,13 @@ pub struct Pictures {
 }
 
 impl Pictures {
-    /// Folder of the pictures, beside the page.
+    /// Folder of the pictures, next to the page.
     pub const FOLDER: &str = "pictures";
     /// Number of steps of [`Pictures::write`].
     pub const STEPS: u64 = 5;
 
     /// Renders two trainings of the same data set, `plain` without and `shaded` with a shading
-    /// function, and writes all pictures to the folder of the page, which holds the data set in
+    /// function, and writes all pictures to the folder of the page, which contains the data set in
     /// `data`. `orbit` are the cameras of the animation; `advance` takes the number of steps done.
     ///
     /// # Errors
@@ -178,8 +178,8 @@ fn normal_map(camera: &Camera, normals: &Normals) -> RgbImage {
     picture::normals(camera.width as usize, camera.height as usize, &planes, &alpha)
 }
 
-/// Recovered light, scaled to the mean of the true one: its factor cannot be separated from that of
-/// the tints.
+/// Recovered light, scaled to the mean of the true one: its factor is ambiguous with that of the
+/// tints.
 fn lights(folder: &Path, scene: &Scene, truth: &LatLong) -> Result<Vec<Vec<Figure>>> {
     let mean = |map: &LatLong| map.rgb.iter().sum::<f32>() / map.rgb.len() as f32;
     let truth = preview(&latlong::to_cube(truth, 128, UpAxis::Z), 128);
@@ -199,7 +199,7 @@ fn preview(cube: &[f32], resolution: usize) -> LatLong {
     latlong::from_cube(cube, resolution, width, height, UpAxis::Z)
 }
 
-/// Two views under each light beside ground truth, and their mean PSNR.
+/// Two views under each light next to ground truth, and their mean PSNR.
 fn relit(folder: &Path, test: &[View], scene: &Scene) -> Result<(Vec<Vec<Figure>>, f64)> {
     let (mut rows, mut psnrs) = (Vec::new(), Vec::new());
     for light in LIGHTS {
@@ -217,7 +217,7 @@ fn relit(folder: &Path, test: &[View], scene: &Scene) -> Result<(Vec<Vec<Figure>
             let relit = Layer::Rgb.picture(&image, ShadingForm::Paper, WHITE);
             let truth = photograph(&true_view, &true_view.over(WHITE));
             rows.push(vec![
-                figure(folder, &format!("{name}-before"), &before, "in the light of the pictures")?,
+                figure(folder, &format!("{name}-before"), &before, "under the light of the pictures")?,
                 figure(folder, &name, &relit, format!("specula, {light}: {psnr:.1} dB"))?,
                 figure(folder, &format!("{name}-true"), &truth, format!("ground truth, {light}"))?,
             ]);

@@ -19,9 +19,9 @@ use std::path::Path;
 /// Sun, low and warm, and wide enough for soft shadows.
 const SUN: SunChoice =
     SunChoice { azimuth: 30.0, elevation: 38.0, strength: 2.5, diameter: 4.0, color: LampColor([255, 226, 196]) };
-/// Share of the environment's light beside the sun.
+/// Share of the environment's light in addition to the sun.
 const ENVIRONMENT: f32 = 0.6;
-/// Full turns of the light while the camera goes around once, against it.
+/// Full turns of the light, in the opposite direction, per turn of the camera.
 const TURNS: f32 = -1.0;
 /// Duration of a frame in milliseconds.
 const FRAME_MS: u16 = 120;

@@ -1,4 +1,4 @@
-//! Evaluation of a model on views that it was not fitted to.
+//! Evaluation of a model on held-out views.
 
 mod page;
 mod relit;

@@ -1,4 +1,4 @@
-//! Page of an evaluation: each view beside its ground truth and its error, the worst first.
+//! Page of an evaluation: each view next to its ground truth and its error, the worst first.
 
 use crate::{
     error::Result,
@@ -15,11 +15,11 @@ use askama::Template;
 use core::cmp::Ordering;
 use specula_scene::{number::group_digits, text};
 
-/// Most views on the page: those with the least PSNR.
+/// Maximum number of views on the page: those with the lowest PSNR.
 const VIEWS_MAX: usize = 200;
 /// Folder of the pictures, relative to the page.
 const PICTURES: &str = "views";
-/// Picture of the learned light beside the true one, relative to the page.
+/// Picture of the learned light next to the true one, relative to the page.
 const LIGHT_PICTURE: &str = "light.png";
 /// Pictures of a view: name of the file, and caption.
 const KINDS: [[&str; 2]; 3] = [["truth", "ground truth"], ["picture", "rendering"], ["error", "error"]];
@@ -75,7 +75,7 @@ struct Page {
     relit: Option<Table>,
     error_max: f32,
     edge_max: u32,
-    /// Index and label of each measure that was taken.
+    /// Index and label of each computed measure.
     measures: Vec<(usize, &'static str)>,
     views: Vec<ViewSection>,
     /// Number of views that are not shown.
@@ -153,7 +153,7 @@ fn facts(evaluation: &Evaluation) -> String {
     )
 }
 
-/// Worst value, mean and best value of each measure that was taken.
+/// Worst value, mean and best value of each computed measure.
 struct Ranges([Option<[f64; 3]>; MEASURES.len()]);
 
 impl Ranges {
@@ -171,7 +171,7 @@ impl Ranges {
         Self(core::array::from_fn(range_of_measure))
     }
 
-    /// Indices of the measures that were taken.
+    /// Indices of the computed measures.
     fn measures(&self) -> impl Iterator<Item = usize> {
         (0..MEASURES.len()).filter(|index| self.0[*index].is_some())
     }
@@ -261,7 +261,7 @@ mod tests {
     fn a_true_light_has_a_section_with_its_picture_and_others_none() {
         let mut evaluation = evaluation(&[30.0]);
         let text = page(&evaluation).expect("the template is valid").html;
-        assert!(!text.contains("light.png") && !text.contains("albedo"), "nothing is said of what is unknown");
+        assert!(!text.contains("light.png") && !text.contains("albedo"), "unknown facts are omitted");
         let quality =
             LightQuality { correlation: Some(0.75), correlation_texels: None, scale: 1.5, scale_rgb: [1.0, 1.5, 2.25] };
         evaluation.light = Some(EvaluatedLight { quality, picture: Some(vec![7]) });
@@ -276,7 +276,7 @@ mod tests {
     #[test]
     fn the_worst_view_comes_first_and_bars_grow_with_quality() {
         let views = evaluation(&[30.0, 20.0, 25.0, f64::NAN]).views;
-        assert_eq!(worst_first(&views)[..3], [1, 2, 0], "what is no number is best or worst, not lost");
+        assert_eq!(worst_first(&views)[..3], [1, 2, 0], "values that are not finite are best or worst, not lost");
         let text = page(&evaluation(&[30.0, 20.0, 25.0])).expect("the template is valid").html;
         let places = ["&#60;1&#62;</h3>", "&#60;2&#62;</h3>", "&#60;0&#62;</h3>"]
             .map(|name| text.find(name).expect("it is shown"));
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn no_more_pictures_are_kept_than_a_page_shows() {
+    fn only_pictures_of_the_page_are_kept() {
         let psnrs: Vec<f64> = (0..VIEWS_MAX + 5).map(|index| 20.0 + index as f64).collect();
         let evaluation = evaluation(&psnrs);
         let page = page(&evaluation).expect("the template is valid");

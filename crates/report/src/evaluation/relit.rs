@@ -1,4 +1,4 @@
-//! Results under other lights, where a data set has pictures under them.
+//! Results under other lights, if a data set has pictures under them.
 
 use crate::{
     error::Result,
@@ -51,7 +51,7 @@ pub struct RelitScene {
     pub views: usize,
     /// Agreement with ground truth.
     pub quality: RelightingQuality,
-    /// Mean PSNR in dB after scaling the albedo to the true one; none where that is unknown.
+    /// Mean PSNR in dB after scaling the albedo to the true one; `None` if that is unknown.
     pub psnr_albedo_scaled: Option<f64>,
 }
 

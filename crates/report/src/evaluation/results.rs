@@ -52,7 +52,7 @@ pub struct EvaluatedLight {
 
 /// Line of text about the factors of an albedo.
 pub fn albedo_summary([r, g, b]: [f32; 3]) -> String {
-    format!("albedo: scaled by {r:.3}, {g:.3}, {b:.3} in red, green, blue before it is compared")
+    format!("albedo: scaled by {r:.3}, {g:.3}, {b:.3} in red, green, blue before comparison")
 }
 
 impl Evaluation {

@@ -9,9 +9,9 @@ use specula_train::{
     view::View,
 };
 
-/// Mean error of a pixel that has the brightest colour, on a scale from 0 to 1.
+/// Mean error that maps to the brightest colour, on a scale from 0 to 1.
 pub(super) const ERROR_MAX: f32 = 0.25;
-/// Most pixels along the longer edge of a picture on the page.
+/// Maximum pixels along the longer edge of a picture on the page.
 pub(super) const EDGE_MAX: u32 = 320;
 /// Quality of JPEGs on the page.
 const JPEG_QUALITY: u8 = 88;
@@ -65,7 +65,7 @@ mod tests {
 
     #[test]
     fn unknown_pixels_do_not_count_in_flip() {
-        /// Distance beyond which no window reaches from one half to the other.
+        /// Distance beyond which no window spans both halves.
         const WIDTH: usize = 96;
         let planes = |right: f32| -> Vec<f32> {
             (0..3 * WIDTH * 4).map(|k| if k % WIDTH < WIDTH / 4 { 0.5 } else { right }).collect()

@@ -20,9 +20,9 @@ use specula_accuracy::{
 };
 use specula_core::{camera::Camera, random};
 
-/// Errors (RMS) for which all parameters are chosen together: two per power of ten.
+/// Errors (RMS) for which all parameters are jointly optimised: two per power of ten.
 const BOUNDS: [f64; 10] = [1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 2e-2, 3e-2, 1e-1];
-/// Settings with every parameter chosen at random.
+/// Number of settings with random parameters.
 const RANDOM_SETTINGS: u64 = 16;
 /// Seed of the order in which settings are timed.
 const SEED: u64 = 0;
@@ -32,7 +32,7 @@ const SEED: u64 = 0;
 pub struct Options {
     /// Repetitions of each time.
     pub repeats: u32,
-    /// Whether invariants are measured in scenes at the edges of valid input.
+    /// Measures invariants in scenes at the limits of valid input.
     pub with_stability: bool,
 }
 
@@ -73,7 +73,7 @@ pub fn measure(scene: &str, subject: &Subject, options: Options, progress: &Star
     })
 }
 
-/// Evenly spread selection of `count` cameras, their pictures reduced to `edge` pixels along the
+/// Evenly spread selection of `count` cameras, with pictures reduced to `edge` pixels along the
 /// longer edge.
 pub fn spread_cameras(cameras: &[Camera], count: usize, edge: u32) -> Vec<Camera> {
     let count = count.min(cameras.len());
@@ -97,7 +97,7 @@ fn view_by_view<T>(
     compute(&|| advance(1 + done.fetch_add(1, Ordering::Relaxed)))
 }
 
-/// Every value of each parameter, all others being most exact, with the parameter's index; the
+/// Every value of each parameter, with all others most exact, and the parameter's index; the
 /// default setting last.
 fn one_at_a_time(subject: &Subject, exact: &Setting) -> (Vec<Setting>, Vec<Option<usize>>) {
     let values = PARAMETERS.iter().enumerate().flat_map(|(index, parameter)| {
@@ -106,7 +106,7 @@ fn one_at_a_time(subject: &Subject, exact: &Setting) -> (Vec<Setting>, Vec<Optio
     values.chain([(Setting::default_for(subject), None)]).unzip()
 }
 
-/// Settings that vary several parameters: those chosen for [`BOUNDS`], and random ones.
+/// Settings that vary several parameters: optimised for [`BOUNDS`], and random.
 fn all_together(subject: &Subject, exact: &Setting, measured: &[MeasuredSetting]) -> Vec<Setting> {
     let trials_of = |index: usize| {
         let varied = measured.iter().filter(move |measured| measured.parameter == Some(index));
@@ -151,8 +151,8 @@ impl Bench<'_> {
         settings.len() as u64 * (1 + u64::from(self.repeats))
     }
 
-    /// Measures errors first, which warms up as well; then times, each repetition in another order,
-    /// so that other load on the machine affects all settings alike.
+    /// Measures errors first, which also warms up; then times, each repetition in another order, so
+    /// that other load on the machine affects all settings equally.
     fn measure(
         &mut self,
         settings: &[Setting],

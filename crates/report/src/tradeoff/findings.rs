@@ -15,7 +15,7 @@ use specula_accuracy::{
 pub struct MeasuredSetting {
     /// Value of every parameter.
     pub setting: Setting,
-    /// Index of the one parameter that is varied, all others being most exact; none if several are.
+    /// Index of the varied parameter, with all others most exact; `None` if several are varied.
     pub parameter: Option<usize>,
     /// Errors against exact pictures.
     pub errors: Errors,
@@ -28,14 +28,14 @@ pub struct MeasuredSetting {
 }
 
 impl MeasuredSetting {
-    /// Error (RMS) and least milliseconds per picture. The error is infinite if a number is not
+    /// Error (RMS) and minimum milliseconds per picture. The error is infinite if a number is not
     /// finite.
     pub(super) fn point(&self) -> [f64; 2] {
         let error = if self.errors.nonfinite == 0 { self.errors.rms } else { f64::INFINITY };
         [error, self.milliseconds()]
     }
 
-    /// Least milliseconds per picture.
+    /// Minimum milliseconds per picture.
     pub(super) fn milliseconds(&self) -> f64 {
         self.times[STAGES.len() - 1].min
     }
@@ -62,9 +62,9 @@ pub struct Findings {
     pub sort: Sort,
     /// Errors of projections off the optical axis.
     pub off_axis: Vec<OffAxis>,
-    /// Settings of a sun's shadows; empty where the scene has no physical materials.
+    /// Settings of a sun's shadows; empty if the scene has no physical materials.
     pub lamps: Vec<LampSetting>,
-    /// Invariants in scenes at the edges of valid input; empty if not measured.
+    /// Invariants in scenes at the limits of valid input; empty if not measured.
     pub stability: Vec<stability::Row>,
 }
 

@@ -1,4 +1,4 @@
-//! Errors and times of lamps: shadow rays, shadows, and light that surfaces reflect.
+//! Errors and times of lamps: shadow rays, shadows, and interreflections.
 
 use crate::{
     error::{Error, Result},
@@ -36,13 +36,13 @@ pub(super) const HEADS: [&str; 7] = ["shadows", "PSNR", "RMS", "max error", "FLI
 /// Setting of a sun's shadows, measured.
 #[derive(Clone, Debug)]
 pub struct LampSetting {
-    /// Shadow rays of a pixel; none where nothing casts a shadow.
+    /// Shadow rays of a pixel; `None` without shadows.
     pub rays: Option<usize>,
     /// Whether surfaces reflect the sun's light onto each other.
     pub is_reflected: bool,
-    /// Errors against most rays, with reflected light.
+    /// Errors against the largest number of rays, with interreflections.
     pub errors: Errors,
-    /// Milliseconds of placing the sun, in a scene where one was placed before.
+    /// Milliseconds of placing the sun, in a scene that already had one.
     pub placing: f64,
     /// Milliseconds of a picture.
     pub times: Spread,
@@ -88,9 +88,8 @@ pub struct LampSubject<'a> {
     pub background: [f32; 3],
 }
 
-/// Measures a sun on a scene, on the CPU; nothing where the scene has no
-/// physical materials, or no surface that could cast a shadow. Errors are those of sRGB colours
-/// over a background.
+/// Measures a sun on a scene, on the CPU; nothing if the scene has no physical materials, or no
+/// shadow-casting surface. Errors are those of sRGB colours over a background.
 ///
 /// # Errors
 ///
@@ -110,7 +109,7 @@ pub fn lamp_settings(
     // The same surface, black: it casts shadows and reflects nothing.
     let black = Arc::new(surface.recolored(blacken));
     let mut settings = vec![(None, false, of(1, None)), (Some(RAYS_MAX), false, of(RAYS_MAX, Some(black)))];
-    // Fewer rays than eight are a preview without reflected light.
+    // Fewer than eight rays are a preview without interreflections.
     settings.extend(RAYS_OF_SETTINGS.map(|rays| (Some(rays), rays >= 8, of(rays, Some(surface.clone())))));
 
     let mut lit = scene.clone().shaded(Shading::Physical)?;
@@ -123,7 +122,7 @@ pub fn lamp_settings(
     let advance = progress("suns", settings.len() as u64);
     let mut measured = Vec::new();
     for (rays, is_reflected, lamps) in settings {
-        // The first placement traces what the surface sees of itself, which stays.
+        // The first placement traces the surface's view of itself, which is cached.
         renderer.add_lamps(SceneRenderer::SCENE_LIGHT, &lamps)?;
         let begin = Instant::now();
         renderer.add_lamps(SceneRenderer::SCENE_LIGHT, &lamps)?;

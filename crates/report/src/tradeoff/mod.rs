@@ -1,4 +1,4 @@
-//! Error against run time: each parameter of rendering varied alone, then all together.
+//! Error against run time: each parameter of rendering varied separately, then all together.
 
 mod bench;
 mod findings;

@@ -32,7 +32,8 @@ const DEFAULT: RGBColor = RGBColor(200, 60, 30);
 const FRONT_SIZE: [u32; 2] = [1040, 560];
 /// Width and height in pixels of the plot of a parameter.
 const PARAMETER_SIZE: [u32; 2] = [510, 340];
-/// Indices in [`PROMISES`] of distances from `f64`, which are measured and not promised to be zero.
+/// Indices in [`PROMISES`] of differences from `f64`, which are measured but not guaranteed to be
+/// zero.
 const MEASURED: core::ops::RangeInclusive<usize> = 1..=2;
 
 /// HTML of the page, which requests nothing from outside.
@@ -56,7 +57,7 @@ struct Page<'a> {
     front: Table,
     /// SVG of each parameter.
     plots: Vec<String>,
-    /// Name of each property that has one value only, and its description.
+    /// Name of each property with a single value, and its description.
     fixed: &'a [(&'a str, &'a str)],
     sort: &'a Sort,
     /// Largest difference of the two renderers.

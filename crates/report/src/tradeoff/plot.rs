@@ -11,9 +11,9 @@ use plotters::{
 const TITLE: i32 = 18;
 /// Font size of labels in pixels.
 const LABEL: i32 = 14;
-/// Bases of the powers at which the axes begin and end, so that each axis has labels.
+/// Bases of the powers at the ends of the axes, so that each axis has labels.
 const BASES: [f64; 2] = [10.0, 2.0];
-/// Least error of the axis, at which equal pictures are drawn.
+/// Smallest error of the axis, where equal pictures are drawn.
 const ERROR_MIN: f64 = 1e-9;
 
 /// Position, error and milliseconds, and its label.

@@ -23,7 +23,7 @@ pub fn records(findings: &Findings) -> String {
         core::iter::once(Record::scene(findings)).chain(settings).chain(findings.stability.iter().map(Record::from));
     let lines = lines.chain(findings.lamps.iter().map(Record::from));
     let lines = lines.chain(findings.off_axis.iter().map(Record::from)).chain(Record::orders(&findings.sort));
-    // Keys are sorted on the way through a value.
+    // Conversion through a value sorts the keys.
     lines.map(|line| format!("{}\n", json!(line))).collect()
 }
 
@@ -93,7 +93,7 @@ struct ErrorRecord {
     max: f64,
     rms: f64,
     relative_l2: f64,
-    /// None if infinite.
+    /// `None` if infinite.
     psnr: Option<f64>,
     ssim: f64,
     flip: f64,
@@ -121,7 +121,7 @@ struct WorkRecord {
     channels: usize,
 }
 
-/// Number, or a word for numbers that JSON does not have.
+/// Number, or a word for numbers that JSON does not support.
 #[derive(Serialize)]
 #[serde(untagged)]
 enum NumberRecord {

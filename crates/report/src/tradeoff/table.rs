@@ -44,7 +44,7 @@ fn row(label: String, measured: &MeasuredSetting, findings: &Findings) -> [Strin
     ]
 }
 
-/// Tables in Markdown: the cheapest settings, and suns where they were measured.
+/// Tables in Markdown: the cheapest settings, and suns if they were measured.
 pub fn markdown(findings: &Findings) -> String {
     let cheapest = in_markdown(HEADS, rows(findings));
     if findings.lamps.is_empty() {

@@ -1,4 +1,4 @@
-//! Facts of pictures that every rank has to know, and their messages.
+//! Facts of pictures that every rank needs, and their messages.
 
 use super::{Decoded, Reading, malformed};
 use crate::SceneError;
@@ -23,7 +23,7 @@ pub struct Photograph {
     pub has_alpha: bool,
     /// Whether there are ground-truth normals.
     pub has_normals: bool,
-    /// Changes that it takes when it is decoded.
+    /// Changes of the picture during decoding.
     pub changes: Changes,
     /// CRC-32 of its pixels.
     pub checksum: u32,
@@ -47,7 +47,7 @@ pub(super) struct Extracts {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Wanted {
     silhouettes: bool,
-    /// Number of points behind those of the data set.
+    /// Number of points appended to those of the data set.
     background: usize,
     seed: u64,
     /// Number of views to train on.
@@ -63,7 +63,7 @@ impl Wanted {
     }
 }
 
-/// Facts of a picture without its name, which its list tells.
+/// Facts of a picture without its name, which the list contains.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Facts {
     photograph: Photograph,
@@ -171,8 +171,7 @@ impl<'a> Message<'a> {
     }
 }
 
-/// Refuses ranks that list another data set, and returns the number of ranks of the machine that
-/// has most.
+/// Rejects ranks that list another data set; returns the largest number of ranks on one machine.
 pub(super) fn greet(exchange: &mut dyn Exchange, album: &Album, reading: &Reading<'_>) -> Result<usize, ExchangeError> {
     let Reading { options, points, seed, .. } = reading;
     let text = format!("{options:?} {points:?} {seed}\n{}", album.description());

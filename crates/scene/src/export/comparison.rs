@@ -1,15 +1,14 @@
-//! Error of exported Gaussians: their pictures against those of the scene that they come from.
+//! Error of exported Gaussians: their pictures against those of the original scene.
 
 use crate::{RenderOptions, Scene, SceneError, SceneRenderer, ShadingModel, upright::Upright};
 use core::fmt;
 use specula_core::{camera::Camera, metrics::psnr, rules::Channels, scene::Gaussians};
 use specula_train::evaluate::{mean_squared_error, over_background};
 
-/// Mean squared error of a picture without any: that of a wrong 8-bit step in a pixel of a
-/// thousand.
+/// Mean squared error that stands for zero: one wrong 8-bit step in one of a thousand pixels.
 const SQUARED_ERROR_MIN: f64 = 1e-3 / (255.0 * 255.0);
 
-/// Pictures of a scene that those of its exported Gaussians are compared with.
+/// Reference pictures of a scene for its exported Gaussians.
 #[derive(Clone, Debug)]
 pub struct ReferencePictures {
     cameras: Vec<Camera>,
@@ -20,7 +19,7 @@ pub struct ReferencePictures {
 }
 
 impl ReferencePictures {
-    /// Renders a scene over a background in sRGB. `progress` is given the number of pictures so
+    /// Renders a scene over a background in sRGB. `progress` receives the number of pictures so
     /// far.
     ///
     /// # Errors
@@ -86,12 +85,12 @@ impl ReferencePictures {
     }
 }
 
-/// Difference of exported Gaussians from their scene.
+/// Difference between exported Gaussians and their scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PictureError {
     /// Number of pictures.
     pub views: usize,
-    /// Mean PSNR in dB; none where no picture differs.
+    /// Mean PSNR in dB; none if no picture differs.
     pub psnr: Option<f64>,
 }
 

@@ -14,11 +14,11 @@ const AXES: [(&str, [f64; 3]); 6] = [
     ("-z", [0.0, 0.0, -1.0]),
 ];
 
-/// Up direction that a user names: an axis such as `z` or `-y`, or a vector of any length but 0.
+/// Up direction as text: an axis such as `z` or `-y`, or a vector of any length but 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UpDirection([f64; 3]);
 
-/// Text that names no [`UpDirection`].
+/// Text that is not an [`UpDirection`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("use x, y, z, -x, -y, -z, or three numbers that are not all 0 such as 0,-0.9,-0.4")]
 pub struct InvalidUpDirection;
@@ -61,10 +61,10 @@ pub fn description(orientation: &Orientation) -> String {
     let rolled = if *rolled > 0 { format!(", {rolled} of them on their side or upside down") } else { String::new() };
     match (up_source, error_degrees) {
         (UpSource::Hand, _) => format!("up is {up}, as given"),
-        (UpSource::File, _) => format!("up is {up}, as its file has it"),
-        (UpSource::Nothing, _) if *cameras == 0 => format!("up is taken to be {up}, as no camera tells it"),
+        (UpSource::File, _) => format!("up is {up}, from its file"),
+        (UpSource::Nothing, _) if *cameras == 0 => format!("up is assumed to be {up}: no camera determines it"),
         (UpSource::Mean | UpSource::Nothing, _) | (_, None) => {
-            format!("up is taken to be {up}: {cameras} cameras are too alike to determine it")
+            format!("up is assumed to be {up}: {cameras} cameras are too similar to determine it")
         }
         (UpSource::Level, Some(error)) => {
             format!("up is {up} within {error:.1}°, or the opposite, from {cameras} cameras{rolled}")
@@ -88,12 +88,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_direction_is_read_as_it_is_typed() {
+    fn directions_are_parsed() {
         for (text, expected) in [("z", [0.0, 0.0, 1.0]), ("-y", [0.0, -1.0, 0.0]), ("0,-0.9, -0.4", [0.0, -0.9, -0.4])]
         {
             let read: UpDirection = text.parse().expect("a direction");
             assert_eq!(read, UpDirection(expected));
-            assert_eq!(read.to_string().parse(), Ok(read), "what is written is read again");
+            assert_eq!(read.to_string().parse(), Ok(read), "printed directions are parsed back");
         }
         for text in ["", "up", "1,2", "0,0,0", "1,2,nan", "--y"] {
             assert!(text.parse::<UpDirection>().is_err(), "{text:?}");
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn a_description_says_what_is_sure_and_what_is_not() {
+    fn descriptions_state_the_certainty() {
         let sure = Orientation {
             up: [0.0, 0.0, 1.0],
             centre: [0.0; 3],
@@ -115,6 +115,6 @@ mod tests {
         assert!(said.starts_with("up is +z within 0.3°, from 77 cameras, 41 of them"), "{said}");
         let unsure =
             Orientation { up: [0.0, 0.6, 0.8], up_source: UpSource::Mean, cameras: 1, error_degrees: None, ..sure };
-        assert!(description(&unsure).contains("(0.000, 0.600, 0.800)") && description(&unsure).contains("too alike"));
+        assert!(description(&unsure).contains("(0.000, 0.600, 0.800)") && description(&unsure).contains("too similar"));
     }
 }

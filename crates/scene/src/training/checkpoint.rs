@@ -17,7 +17,7 @@ pub struct Checkpoints {
     facts: Facts,
     /// Iteration of the last checkpoint.
     last: Option<u32>,
-    /// Whether another rank writes them.
+    /// True if another rank writes the checkpoints.
     is_of_another_rank: bool,
 }
 
@@ -33,7 +33,7 @@ impl Checkpoints {
         Self { last: Some(last), ..self }
     }
 
-    /// The same checkpoints, which another rank of the training writes.
+    /// The same checkpoints, written by another rank.
     #[must_use]
     pub fn of_another_rank(self) -> Self {
         Self { is_of_another_rank: true, ..self }
@@ -54,7 +54,7 @@ impl Checkpoints {
         self.every > 0 && iteration.is_multiple_of(self.every) && self.last != Some(iteration)
     }
 
-    /// Takes note that the last checkpoint was not written after all, by another rank.
+    /// Records that another rank failed to write the last checkpoint.
     pub(super) fn forget(&mut self) {
         self.last = None;
     }
@@ -83,7 +83,7 @@ impl Checkpoints {
     }
 }
 
-/// Name, camera and checksum of a picture, which tell it from others.
+/// Name, camera and checksum of a picture, which identify it.
 #[derive(Clone, Copy, Debug)]
 pub struct PictureSum<'a> {
     /// Name in the data set.
@@ -94,8 +94,7 @@ pub struct PictureSum<'a> {
     pub pixels: u32,
 }
 
-/// Description of a training before its first step; `config` is its settings as the program's user
-/// gave them.
+/// Description of a training before its first step; `config` is the text of the user's settings.
 pub fn describe(settings: &Settings, config: String, views: &[View]) -> Facts {
     let sums = views.iter().map(|view| {
         let View { name, camera, rgba, .. } = view;
@@ -122,7 +121,7 @@ pub fn describe_pictures<'a>(
     }
 }
 
-/// Settings as text, every number of them.
+/// All settings as text.
 pub fn settings_text(settings: &Settings) -> String {
     format!("{settings:?}")
 }
@@ -159,7 +158,7 @@ mod tests {
     const VIEWS: u64 = 5;
     const POINTS: u64 = 150;
     const ITERATIONS: u32 = 24;
-    /// Number of iterations at which a training is interrupted, for each profile.
+    /// Number of interruptions of a training, for each profile.
     const SAVE_COUNT: u64 = 20;
 
     fn views() -> Vec<View> {
@@ -213,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_training_ends_with_the_same_bits_wherever_it_was_saved() {
+    fn resumed_trainings_end_with_the_same_bits() {
         for name in ["specula", "paper", "3dgs"] {
             let settings = settings(name);
             let mut whole =
@@ -240,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_learned_elsewhere_is_refused() {
+    fn checkpoints_of_other_trainings_are_rejected() {
         let specula = settings("specula");
         let mut trainer =
             Trainer::new(CpuExecutor::new(), specula.clone(), &views(), &points()).expect("there are views");
@@ -270,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_names_and_cameras_tell_data_sets_apart() {
+    fn pictures_names_and_cameras_identify_a_data_set() {
         let sum_of = |views: &[View]| describe(&settings("3dgs"), String::new(), views).pictures;
         let sum = sum_of(&views());
         assert_eq!(sum, sum_of(&views()));

@@ -5,7 +5,7 @@ use serde_json::{Map, json};
 use specula_io::{model_folder::ModelInfo, orientation::Orientation};
 use specula_train::trainer::Settings;
 
-/// Settings of a training on so many views, and others held out, as `specula.json` records them:
+/// Settings of a training for `specula.json`, given its numbers of training and test views:
 /// version, profile, shading model, background, number of views and orientation. The rest is the
 /// caller's, such as the path of the data set.
 pub fn model_info(settings: &Settings, [train, test]: [usize; 2], orientation: Option<Orientation>) -> ModelInfo {

@@ -14,16 +14,16 @@ use std::{
 /// Name of the locked file. It remains, empty, when the lock is released.
 const NAME: &str = "training.lock";
 
-/// Lock of a folder, released when dropped. The operating system releases it however the program
-/// ends.
+/// Lock of a folder, released when dropped. The operating system releases it in any case when the
+/// program ends.
 #[derive(Debug)]
 pub struct Lock {
     folder: PathBuf,
-    /// Locked file; `None` if the folder is written to without a lock.
+    /// Locked file; `None` if the folder is used without a lock.
     file: Option<File>,
 }
 
-/// Program that holds a lock, as written to its file.
+/// Program that holds a lock, as recorded in its file.
 #[derive(Debug, Deserialize, PartialEq, Serialize)]
 struct Holder {
     pid: u32,
@@ -46,7 +46,7 @@ impl Lock {
             Err(TryLockError::WouldBlock) => Err(SceneError::Locked(holder_message(folder))),
             Err(TryLockError::Error(cause)) => {
                 tracing::warn!(
-                    "the file system of {folder:?} has no locks ({cause}), so nothing keeps a second training out of it"
+                    "the file system of {folder:?} has no locks ({cause}); do not start a second training in it"
                 );
                 Ok(Self { folder: folder.to_owned(), file: None })
             }
@@ -62,12 +62,12 @@ impl Lock {
         if let Ok(file) = within::lock(&folder.join(NAME))? {
             return Ok(Self::held(folder, file));
         }
-        tracing::warn!("{}; it is written to all the same", holder_message(folder));
+        tracing::warn!("{}; ignoring its lock", holder_message(folder));
         Ok(Self { folder: folder.to_owned(), file: None })
     }
 
     fn held(folder: &Path, mut file: File) -> Self {
-        // The lock holds even if its holder cannot be written down.
+        // The lock holds even if its holder cannot be recorded.
         let _ = sign(&mut file);
         model_folder::remove_unfinished(folder);
         Self { folder: folder.to_owned(), file: Some(file) }
@@ -93,13 +93,12 @@ fn sign(file: &mut File) -> io::Result<()> {
     file.sync_data()
 }
 
-/// Time in the format of RFC 3339, which has no years before 1970: a clock without a battery may
-/// show one.
+/// Time in the format of RFC 3339; years before 1970, from clocks without a battery, become 1970.
 fn written(time: SystemTime) -> String {
     humantime::format_rfc3339_seconds(time.max(SystemTime::UNIX_EPOCH)).to_string()
 }
 
-/// Host name, as far as files and variables tell it.
+/// Host name from files and variables.
 fn host() -> String {
     let file = fs::read_to_string("/proc/sys/kernel/hostname").map(|name| name.trim().to_owned());
     let variable = |name: &str| std::env::var(name);
@@ -128,18 +127,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn clocks_may_stand_before_1970() {
+    fn clocks_before_1970_are_valid() {
         let before = SystemTime::UNIX_EPOCH - Duration::from_secs(3600);
         assert_eq!(written(before), "1970-01-01T00:00:00Z");
     }
 
     #[test]
-    fn a_folder_has_one_lock_and_says_who_holds_it() {
+    fn a_folder_has_one_lock_that_names_its_holder() {
         let folder = tempfile::tempdir().expect("a writable folder");
         let unfinished = folder.path().join(".unfinished-x");
         fs::write(&unfinished, "half").expect("a writable folder");
         let lock = Lock::take(folder.path()).expect("nobody holds it");
-        assert!(!unfinished.exists(), "what is not finished is swept when a training starts");
+        assert!(!unfinished.exists(), "unfinished files are removed when a training starts");
         let refused = Lock::take(folder.path()).expect_err("it is held");
         let sentence = refused.to_string();
         let pid = format!("process {} on ", std::process::id());

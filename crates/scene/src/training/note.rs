@@ -1,9 +1,9 @@
-//! Events of a training that its user should know of.
+//! Events of a training to report to the user.
 
 use core::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
-/// Event of a training that its user should know of.
+/// Event of a training to report to the user.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum Note<E> {
@@ -13,8 +13,8 @@ pub enum Note<E> {
         name: String,
         /// Whether its driver computes on the CPU.
         is_software: bool,
-        /// Number of the GPU, from 1, and count of those that the ranks of this machine share; none
-        /// for a training that is alone.
+        /// Number of the GPU, from 1, and count of the GPUs of this machine's ranks; `None` for a
+        /// training on one rank.
         place: Option<(usize, usize)>,
     },
     /// The training runs on the CPU.
@@ -57,7 +57,7 @@ impl<E: Display> Display for Note<E> {
                 write!(out, "{error}; the CPU continues from iteration {last} in {path:?}")
             }
             Self::GpuFailed { error, checkpoint: None } => {
-                write!(out, "{error}; there is no checkpoint yet, so the CPU begins again")
+                write!(out, "{error}; there is no checkpoint yet, so the CPU starts from the beginning")
             }
             Self::CheckpointFailed { error } => write!(out, "{error}; the training continues without this checkpoint"),
         }

@@ -15,7 +15,7 @@ use specula_train::{
 
 /// Training on some executor.
 pub(super) trait Run {
-    /// Uploads the pictures of the next step, and returns whether any rank wishes something.
+    /// Uploads the pictures of the next step; returns true if any rank requested a stop.
     fn prepare(&mut self, wish: bool) -> Result<bool, SceneError>;
     /// Takes one step.
     fn step(&mut self) -> Result<(), SceneError>;
@@ -33,9 +33,9 @@ pub(super) trait Run {
     fn download(&mut self) -> Result<HostScene, SceneError>;
     /// Shares the training with other ranks.
     fn join(&mut self, exchange: Box<dyn Exchange>, description: &str) -> Result<(), SceneError>;
-    /// Returns whether any rank wishes something.
+    /// Returns true if any rank requested a stop.
     fn agree(&mut self, wish: bool) -> Result<bool, SceneError>;
-    /// Messages to other ranks so far; none where the training is alone.
+    /// Messages to other ranks so far; `None` on a single rank.
     fn traffic(&self) -> Option<Traffic>;
     /// Copies the whole state of the training to the host.
     fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, SceneError>;
@@ -99,8 +99,8 @@ pub enum Start<'a> {
     Checkpoint(&'a TrainingState<Vec<f32>>),
 }
 
-/// Starts a training on the selected executor; true if that is a device, which may fail. If a
-/// device fails at the start, the training runs on the CPU. `note` is given each event.
+/// Starts a training on the selected executor; returns true if that is a device, which may fail. If
+/// a device fails at the start, the training runs on the CPU. `note` receives each event.
 ///
 /// # Errors
 ///

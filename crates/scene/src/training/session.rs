@@ -13,7 +13,7 @@ use specula_cpu::CpuExecutor;
 use specula_train::{exchange::Exchange, pictures::PictureSource, ranks::Traffic, start::Point, trainer::Settings};
 use std::time::Instant;
 
-/// Program around a training, which is notified of its progress and may interrupt it.
+/// Program that runs a training, is notified of its progress and may interrupt it.
 pub trait Observer {
     /// Error of the program.
     type Error: From<SceneError> + Display;
@@ -21,7 +21,7 @@ pub trait Observer {
     /// Returns whether an executor failed on valid input ([`SceneError::is_device_failure`]).
     fn is_device_failure(error: &Self::Error) -> bool;
 
-    /// Pictures and points for another start, after a device fails.
+    /// Pictures and points to start again after a device fails.
     fn origin(&self) -> (&dyn PictureSource, &[Point]);
 
     /// Returns whether the training ends before its next step.
@@ -92,8 +92,7 @@ impl Training {
     ///
     /// # Errors
     ///
-    /// An executor that is not there or refuses the scene, and views or points that no training can
-    /// start from.
+    /// An executor that is missing or rejects the scene; invalid views or points.
     pub fn new<O: Observer>(
         choice: &ExecutorChoice,
         settings: Settings,
@@ -108,21 +107,21 @@ impl Training {
         Ok(Self { trainer, choice, fallback, checkpoints: None, shading_model, iterations, seconds: 0.0 })
     }
 
-    /// Shares the training with other ranks, which were started alike: all of them take the same
-    /// steps and end together. No CPU takes over from a device that fails. `description` stands for
-    /// what the settings do not say, such as a checksum of the pictures.
+    /// Shares the training with other ranks that were started with the same settings: all of them
+    /// take the same steps and end together. Device failures have no CPU fallback. `description`
+    /// identifies everything else, such as a checksum of the pictures.
     ///
     /// # Errors
     ///
-    /// [`SceneError::Ranks`] where a rank is gone or was started otherwise, and failures of the
-    /// executor.
+    /// [`SceneError::Ranks`] if a rank is gone or was started with other settings, and failures of
+    /// the executor.
     pub fn join(&mut self, exchange: Box<dyn Exchange>, description: &str) -> Result<(), SceneError> {
         self.fallback = None;
         let kind = if self.choice == ExecutorChoice::Cpu { "CPU" } else { "device" };
         self.trainer.join(exchange, &format!("{description} on a {kind}"))
     }
 
-    /// Messages to other ranks so far; none where the training is alone.
+    /// Messages to other ranks so far; `None` on a single rank.
     pub fn traffic(&self) -> Option<Traffic> {
         self.trainer.traffic()
     }
@@ -139,7 +138,7 @@ impl Training {
     /// # Errors
     ///
     /// Failures of the executor, unless the CPU takes over, and those of the observer. A picture
-    /// that cannot be shown, after a checkpoint was written.
+    /// that cannot be decoded, after a checkpoint was written.
     pub fn run<O: Observer>(&mut self, pauses: &[u32], observer: &mut O) -> Result<Outcome, O::Error> {
         loop {
             let (is_at_end, fault) = match self.prepare(observer) {
@@ -166,7 +165,7 @@ impl Training {
         })
     }
 
-    /// Uploads the pictures of the next step; returns whether there is none, or any rank is
+    /// Uploads the pictures of the next step; returns true if there is no next step, or any rank is
     /// interrupted.
     fn prepare<O: Observer>(&mut self, observer: &O) -> Result<bool, SceneError> {
         if self.is_finished() {
@@ -198,7 +197,7 @@ impl Training {
     }
 
     /// Writes a checkpoint, unless there is one of this iteration. The training continues if that
-    /// fails, since there may be space for the next one.
+    /// fails, because there may be space for the next one.
     fn save_checkpoint<O: Observer>(&mut self, observer: &mut O) -> Result<(), O::Error> {
         let Some(checkpoints) = &mut self.checkpoints else { return Ok(()) };
         if checkpoints.last() == Some(self.trainer.iteration()) {
@@ -215,7 +214,7 @@ impl Training {
     }
 
     /// Continues on the CPU after a device fails, from the last checkpoint or else from the start,
-    /// since the state on the device may be that of half a step.
+    /// because the device may be in the middle of a step.
     fn fall_back_to_cpu<O: Observer>(&mut self, error: O::Error, observer: &mut O) -> Result<(), O::Error> {
         if !O::is_device_failure(&error) {
             return Err(error);
@@ -368,7 +367,7 @@ mod tests {
         }
     }
 
-    /// Training whose run fails after three steps; on a device the CPU takes the rest.
+    /// Training that fails after three steps; on a device the CPU takes the rest.
     fn training(is_on_device: bool, folder: &Path, every: u32) -> Training {
         let trainer = Trainer::new(CpuExecutor::new(), settings(), &views(), &POINTS).expect("there is a view");
         let facts = checkpoint::describe(&settings(), String::new(), &views());
@@ -396,7 +395,7 @@ mod tests {
             whole.step().expect("the processor trains");
         }
         let expected = whole.download().expect("the processor gives back");
-        // From the second step, or from the start where there is no checkpoint.
+        // From the second step, or from the start if there is no checkpoint.
         for every in [2, 0] {
             let folder = tempfile::tempdir().expect("a writable folder");
             let mut fallen_back = training(true, folder.path(), every);
@@ -468,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_of_the_processor_itself_is_one() {
+    fn a_failure_of_the_cpu_ends_the_training() {
         let folder = tempfile::tempdir().expect("a writable folder");
         assert!(run(&mut training(false, folder.path(), 2)).is_err(), "nothing can continue");
         assert_eq!(checkpoint_of(folder.path()), 2, "what was saved stays");
@@ -479,7 +478,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_disk_is_no_reason_to_stop() {
+    fn a_full_disk_does_not_stop_a_training() {
         let folder = tempfile::tempdir().expect("a writable folder");
         let file = folder.path().join("file");
         std::fs::write(&file, "mine").expect("a writable folder");

@@ -188,7 +188,7 @@ fn ranks_of_one_program_share_the_pictures() {
     }
 }
 
-/// Trains on some ranks while a picture is put in place of another after the start; returns the
+/// Trains on some ranks while a picture is put instead of another after the start; returns the
 /// sentence of all ranks. The checkpoint then continues to the files of a whole training.
 fn ends_and_continues(count: usize, meddle: fn(&Path)) -> String {
     const VICTIM: u64 = 4;

@@ -1,10 +1,10 @@
 //! Directions on a square: the sphere is projected onto an octahedron, whose lower half is folded
 //! outwards over the corners of the square.
 
-/// Place of a direction, of any length, within [−1, 1]²; the upper pole for none.
+/// Octahedral coordinates in [−1, 1]² of a direction of any length; the upper pole for length 0.
 pub(super) fn folded([x, y, z]: [f32; 3]) -> [f32; 2] {
     let size = x.abs() + y.abs() + z.abs();
-    // Also where a number is none.
+    // Also for NaN.
     if size.is_nan() || size <= 0.0 {
         return [0.0; 2];
     }
@@ -12,7 +12,7 @@ pub(super) fn folded([x, y, z]: [f32; 3]) -> [f32; 2] {
     if z < 0.0 { turned([u, v]) } else { [u, v] }
 }
 
-/// Unit direction of a place.
+/// Unit direction of octahedral coordinates.
 pub(super) fn unfolded([u, v]: [f32; 2]) -> [f32; 3] {
     let z = 1.0 - u.abs() - v.abs();
     let [x, y] = if z < 0.0 { turned([u, v]) } else { [u, v] };
@@ -20,7 +20,7 @@ pub(super) fn unfolded([u, v]: [f32; 2]) -> [f32; 3] {
     [x, y, z].map(|number| number / length)
 }
 
-/// Mirrors a place at the edge between the halves.
+/// Mirrors coordinates at the edge between the halves.
 fn turned([u, v]: [f32; 2]) -> [f32; 2] {
     [(1.0 - v.abs()).copysign(u), (1.0 - u.abs()).copysign(v)]
 }
@@ -33,7 +33,7 @@ mod tests {
     const ROUNDING: f32 = 1e-6;
 
     #[test]
-    fn directions_come_back_and_their_length_becomes_one() {
+    fn directions_round_trip_as_unit_vectors() {
         let steps = || (-4..=4).map(|k| k as f32 * 0.25);
         for direction in steps().flat_map(|x| steps().flat_map(move |y| steps().map(move |z| [x, y, z]))) {
             let place = folded(direction);

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Whole numbers that an `f32` holds.
+/// Bits of whole numbers that an `f32` represents.
 const WHOLE_BITS: u8 = 24;
 /// Bits of a shortened `f32`: its sign, its exponent, and 15 of its mantissa.
 const SHORT_BITS: u32 = 24;
@@ -17,12 +17,12 @@ pub(super) enum Stream {
     Shortened,
     /// Whole numbers, as distances below the first one that is larger than all before.
     Whole,
-    /// Whole steps from the least number on.
+    /// Whole steps from the smallest number.
     Steps {
         least: f32,
         step: f64,
         bits: u8,
-        /// Whether steps are stored as differences from the number before.
+        /// True if steps are stored as differences from the previous number.
         differs: bool,
     },
 }
@@ -70,8 +70,8 @@ impl Writer {
         self.put(Stream::Shortened, &numbers.map(short).collect::<Vec<_>>())
     }
 
-    /// Whole numbers below 2²⁴, such as corners of triangles: where these are numbered in the order
-    /// of their first use, a new one is a zero, and one that was used lately is small.
+    /// Whole numbers below 2²⁴, such as corners of triangles: if these are numbered in the order of
+    /// their first use, a new one is stored as zero, and a recent one as a small number.
     pub(super) fn whole(&mut self, numbers: &[f32]) -> Stream {
         let mask = Stream::Whole.mask();
         let mut next = 0_u32;
@@ -85,8 +85,8 @@ impl Writer {
         self.put(Stream::Whole, &distances)
     }
 
-    /// Rounds to steps of a size, or of a larger one where the range has more of them than
-    /// [`WHOLE_BITS`] count. Numbers that are not finite become the least.
+    /// Rounds to steps of a size, or larger ones if the range has more steps than [`WHOLE_BITS`]
+    /// can count. Numbers that are not finite become the smallest.
     pub(super) fn stepped(&mut self, numbers: &[f32], step: f64, differs: bool) -> Stream {
         let [least, most] = range(numbers);
         let span = f64::from(most) - f64::from(least);
@@ -114,21 +114,21 @@ impl Writer {
     }
 }
 
-/// Least and largest of the finite numbers; zeros where there are none.
+/// Smallest and largest finite number; zeros without any.
 pub(super) fn range(numbers: &[f32]) -> [f32; 2] {
     let finite = || numbers.iter().copied().filter(|number| number.is_finite());
     let (least, most) = (finite().fold(f32::MAX, f32::min), finite().fold(f32::MIN, f32::max));
     if least <= most { [least, most] } else { [0.0; 2] }
 }
 
-/// Folded difference of two numbers within a mask: of half of its range either way, as sums wrap.
+/// Zigzag-encoded difference of two numbers modulo the mask's range.
 const fn step_from(before: u32, now: u32, mask: u32) -> u32 {
     let apart = now.wrapping_sub(before) & mask;
     let signed = if apart <= mask / 2 { apart as i32 } else { apart as i32 - mask as i32 - 1 };
     folded(signed) & mask
 }
 
-/// Signed numbers as unsigned ones, small for small sizes.
+/// Signed numbers as unsigned ones, small for small magnitudes.
 const fn folded(number: i32) -> u32 {
     ((number << 1) ^ (number >> 31)) as u32
 }
@@ -140,12 +140,12 @@ const fn unfolded(number: u32) -> i32 {
 /// Reader of streams.
 #[derive(Debug)]
 pub(super) struct Reader<'a> {
-    /// Bytes that are left.
+    /// Remaining bytes.
     pub(super) bytes: &'a [u8],
 }
 
 impl Reader<'_> {
-    /// Numbers of the next stream; none where it is cut short or has no bits.
+    /// Numbers of the next stream; `None` if it is cut short or has no bits.
     pub(super) fn numbers(&mut self, stream: &Stream, count: usize) -> Option<Vec<f32>> {
         if !(1..=32).contains(&stream.bits()) {
             return None;
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn shortened_numbers_are_near_by_their_size() {
+    fn shortened_numbers_have_a_small_relative_error() {
         /// Half a step of 15 bits of mantissa.
         const HALF_STEP: f32 = 1.0 / 65536.0;
         let all = [1.0, -3.7, 1e-20, 65504.0, 3.0e38, 0.0];

@@ -1,5 +1,5 @@
-// URL fragment: holds the state of the page, so that a reload or a copied address shows the same.
-// The token is moved from the fragment into the session storage of the tab.
+// URL fragment: holds the state of the page, so that a reload or a copied address restores it. The
+// token is moved from the fragment into the session storage of the tab.
 
 /** Milliseconds from a change to its write into the URL; browsers limit the rate of writes. */
 const WRITE_DELAY = 400;

@@ -10,7 +10,7 @@ use core::fmt::Write;
 ///
 /// # Panics
 ///
-/// For an import of a module that is not there: a fault of the page, which a test finds.
+/// If an imported module does not exist, a bug of the page that a test finds.
 pub(super) fn bundle(modules: &[(&str, &str)]) -> String {
     let mut script = "const modules = {};\n".to_owned();
     let mut done = Vec::new();
@@ -25,7 +25,7 @@ fn append<'a>(name: &'a str, modules: &[(&'a str, &'a str)], done: &mut Vec<&'a 
         return;
     }
     done.push(name);
-    let (_, text) = modules.iter().find(|(other, _)| *other == name).unwrap_or_else(|| panic!("{name} is not there"));
+    let (_, text) = modules.iter().find(|(other, _)| *other == name).unwrap_or_else(|| panic!("{name} does not exist"));
     text.lines().filter_map(import).for_each(|(_, from)| append(from, modules, done, script));
     let mut exports = Vec::new();
     // Writing to a text does not fail.
@@ -74,8 +74,8 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "x.js is not there")]
-    fn a_module_that_is_missing_is_noticed() {
+    #[should_panic(expected = "x.js does not exist")]
+    fn a_missing_module_is_an_error() {
         bundle(&[("a.js", "import { x } from \"./x.js\";")]);
     }
 }

@@ -75,7 +75,7 @@ export class Lamps {
     const entries = (kind, list) => (list === "" ? [] : list.split(";").map((entry) => parsed(kind, entry)));
     const all = [...entries("sun", suns), ...entries("lamp", lamps)];
     this.items = all.filter((item) => item !== null).slice(0, scene.lamps_max);
-    if (this.items.length < all.length) notify("the address names suns or lamps that cannot be; they are left out");
+    if (this.items.length < all.length) notify("the address has invalid suns or lamps; they are ignored");
     this.build();
   }
 
@@ -133,7 +133,7 @@ export class Lamps {
   append(item) {
     const { lamps_max: most } = this.server.scene;
     if (this.items.length >= most) return this.notify(`there are at most ${most} suns and lamps; remove one first`);
-    // Suns come first, as in requests, whose order decides on the noise of shadows.
+    // Suns come first, as in requests; the order determines the noise of shadows.
     const index = item.kind === "sun" ? this.of("sun").length : this.items.length;
     this.items.splice(index, 0, item);
     this.selected = index;
@@ -164,7 +164,7 @@ export class Lamps {
     this.onchange(true);
   }
 
-  /** Builds the list anew: a line for each item, and the inputs of the selected one. */
+  /** Rebuilds the list: a line for each item, and the inputs of the selected one. */
   build() {
     this.rows = new Map();
     const counts = { sun: 0, lamp: 0 };
@@ -293,7 +293,7 @@ export class Lamps {
     const { name } = this.server.scene;
     const { id, file, up } = this.light.label;
     if (id === "none") return null;
-    if (file) return { file, up, remark: "beside this file" };
+    if (file) return { file, up, remark: "next to this file" };
     const exported = `${name}-light.exr`;
     return { file: exported, up: "z", remark: `the light of the training: specula export ${quoted(name)} -o ${quoted(exported)}` };
   }

@@ -1,4 +1,4 @@
-// Life of the scene that is shown: what listens to the window ends with it.
+// Lifetime of the displayed scene: its window listeners end with it.
 
 export const life = {
   controller: new AbortController(),

@@ -143,7 +143,7 @@ export class Light {
   /** Uploads a file as soon as the server reads no other one; notifies while it waits. */
   async send(file, query) {
     for (let attempt = 1; ; attempt++) {
-      // A refused upload may close the connection before the answer is read, so ask first.
+      // A rejected upload may close the connection before the response is read, so ask first.
       const { reading } = await (await this.server.get("scene", {})).json();
       try {
         if (!reading) return await this.server.post("light", query, file);

@@ -24,10 +24,10 @@ const PREVIEW_RAYS = 4;
 const HINTS = {
   albedo: "colour of the material without light",
   metallic: "share of metal, white is a metal",
-  ambient: "share of the surrounding light that is not shadowed, white is open",
-  visibility: "share of the far light along the reflection that no surface keeps off, white is open",
-  indirect: "light along the reflection that other surfaces reflect",
-  irradiance: "light that reaches the material, as a white wall shows it",
+  ambient: "share of the surrounding light that is not blocked, white is open",
+  visibility: "share of the distant light along the reflection that is not blocked, white is open",
+  indirect: "light of other surfaces along the reflection",
+  irradiance: "irradiance of the material, shown as the colour of a white wall",
 };
 /** Duration of an error message, in milliseconds. */
 const MESSAGE_TIME = 8000;

@@ -2,8 +2,8 @@
 
 export class Materials {
   /**
-   * `initial` holds the parameters of the URL fragment at page load, `suits` returns which colours
-   * suit the light, and `isFixed` whether only those do.
+   * `initial` has the parameters of the URL fragment at page load, `suits` returns the default
+   * colours for the light, and `isFixed` whether only those are valid.
    */
   constructor(scene, initial, suits, isFixed, changed) {
     Object.assign(this, { suits, isFixed, choice: null });

@@ -1,6 +1,6 @@
 // Picture stream: requests one picture at a time, at reduced resolution during movement and at full
-// resolution at rest. With one request in flight at most, the rate adapts to the link. The last
-// picture at rest is lossless; on a slow link a compressed draft comes before it.
+// resolution at rest. With at most one request in flight, the rate adapts to the link. The last
+// picture at rest is lossless; on a slow link it follows a compressed draft.
 
 import { life } from "./life.js";
 

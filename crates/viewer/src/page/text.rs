@@ -1,10 +1,10 @@
 //! Bytes as text of an HTML file: twenty bytes become 23 letters, 15 % more, where base64 has 33 %.
 //!
-//! Twenty bytes are a number, the least byte first, of 23 digits to the base 125, the greatest
-//! first; the last block is filled with zeros, so that a reader needs the number of bytes. Letters
-//! are all of ASCII but three that HTML changes or acts upon: NUL, carriage return and `<`. They
-//! mean the same in UTF-8 and in every charset of the web that contains ASCII, whichever a server
-//! names; `text.js` is the reader.
+//! Twenty bytes, the least significant first, are a number of 23 digits to the base 125, the most
+//! significant first; the last block is filled with zeros, so a reader needs the number of bytes.
+//! Letters are ASCII without NUL, carriage return and `<`, which HTML changes or interprets. They
+//! are the same in UTF-8 and in every charset of the web that contains ASCII; `text.js` is the
+//! reader.
 
 use core::array;
 
@@ -17,7 +17,7 @@ const WORDS: usize = BLOCK / 4;
 const BASE: u64 = 125;
 const GROUP: u64 = BASE * BASE * BASE;
 
-/// Letter of a digit: ASCII from 1 on, without carriage return and `<`.
+/// Letter of a digit: ASCII from 1, without carriage return and `<`.
 fn letter(digit: u64) -> u8 {
     let after = |letter: u8, left_out: u8| if letter >= left_out { letter + 1 } else { letter };
     after(after(digit as u8 + 1, b'\r'), b'<')
@@ -30,7 +30,7 @@ pub fn text_of(bytes: &[u8]) -> String {
         let byte = |index: usize| block.get(index).copied().unwrap_or(0);
         let mut words: [u32; WORDS] = array::from_fn(|k| u32::from_le_bytes(array::from_fn(|j| byte(4 * k + j))));
         let mut digits = [0_u64; LETTERS + 1];
-        // The last group has room for one digit more than there are, a zero.
+        // The last group has an unused digit, zero.
         for three in digits.as_chunks_mut::<3>().0.iter_mut().rev() {
             let group = remainder(&mut words, GROUP);
             *three = [group / (BASE * BASE), group / BASE % BASE, group % BASE];
@@ -40,7 +40,7 @@ pub fn text_of(bytes: &[u8]) -> String {
     text.into_iter().map(char::from).collect()
 }
 
-/// Divides a number, whose least word is the first, and returns the remainder.
+/// Divides a number with its least significant word first; returns the remainder.
 fn remainder(words: &mut [u32; WORDS], divisor: u64) -> u64 {
     words.iter_mut().rev().fold(0, |rest, word| {
         let number = rest << u32::BITS | u64::from(*word);
@@ -53,7 +53,7 @@ fn remainder(words: &mut [u32; WORDS], divisor: u64) -> u64 {
 mod tests {
     use super::*;
 
-    /// Bytes of a text, digit by digit: the slow reader that the encoder is held against.
+    /// Bytes of a text, digit by digit: a slow reader to test the encoder.
     fn bytes_of(text: &str, count: usize) -> Vec<u8> {
         let digits: Vec<u64> = text
             .bytes()
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn every_byte_string_comes_back() {
+    fn every_byte_string_round_trips() {
         let mut state = 1_u64;
         let mut next = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn a_text_is_at_most_fifteen_percent_longer_and_has_no_letter_that_html_changes() {
+    fn text_is_at_most_fifteen_percent_longer_and_needs_no_escapes() {
         let bytes: Vec<u8> = (0..40_000_u32).map(|k| (k.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
         let text = text_of(&bytes);
         assert_eq!(100 * text.len(), 115 * bytes.len());

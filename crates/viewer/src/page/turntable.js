@@ -1,4 +1,4 @@
-// Turntable: the camera goes around the scene until it is taken in hand.
+// Turntable: the camera goes around the scene until the user moves it.
 
 /** Time of a turn, in seconds. */
 const TURN_TIME = 16;
@@ -19,7 +19,7 @@ export class Turntable {
     let last = performance.now();
     const tick = (now) => {
       if (!this.isTurning) return;
-      // A hidden page gets no frames; it goes on where it was.
+      // A hidden page gets no frames; the turntable then continues from its position.
       const seconds = Math.min((now - last) / 1000, 0.1);
       last = now;
       this.camera.turn((2 * Math.PI * seconds) / TURN_TIME, 0);

@@ -23,7 +23,7 @@ pub struct Target {
     pub(crate) width: usize,
     pub(crate) height: usize,
     pub(super) columns: usize,
-    /// Tile by tile and quad by quad: the reds of a quad, its greens, its blues, its alphas.
+    /// Bytes tile by tile and quad by quad: the reds of a quad, then greens, blues and alphas.
     pub(super) quads: Vec<[[u8; BLOCK]; 4]>,
     /// Whether a tile is transparent everywhere.
     is_empty: Vec<bool>,
@@ -83,15 +83,15 @@ pub(super) struct Comparison<'a> {
     pub(super) camera: &'a Camera,
     pub(super) weights: LossWeights,
     pub(super) background: [f32; 3],
-    /// Distance of each tile, in tiles, from the nearest one that shows anything but the
-    /// background, up to [`FAR`].
+    /// Distance of each tile, in tiles, from the nearest one with anything but the background, up
+    /// to [`FAR`].
     pub(super) distance: Buffer<u32>,
 }
 
-/// Farther than any window reaches.
+/// Distance beyond the reach of any window.
 pub(super) const FAR: u32 = 3;
 
-/// Planes that windows read.
+/// Planes for windows.
 pub(super) mod plane {
     /// The rendered colour over the background.
     pub(in crate::stages::loss) const RENDERED: usize = 0;
@@ -99,7 +99,7 @@ pub(super) mod plane {
     pub(in crate::stages::loss) const TRUTH: usize = 3;
     /// Coverage of the rendered picture.
     pub(in crate::stages::loss) const COVERAGE: usize = 6;
-    /// Its expected depth, zero where there is no surface.
+    /// Expected depth, zero without a surface.
     pub(in crate::stages::loss) const DEPTH: usize = 7;
 }
 
@@ -121,7 +121,7 @@ impl Comparison<'_> {
         sums.iter().fold([0.0; 4], |sum, row| core::array::from_fn(|k| sum[k] + row[k]))
     }
 
-    /// One for the pixels of a quad that lie in the picture, zero for others.
+    /// One for the pixels of a quad in the picture, zero for others.
     #[inline(always)]
     pub(super) fn inside<S: Simd>(&self, simd: S, tile: [usize; 2], quad: usize) -> Lanes<S> {
         let [x, y] = quad_origin(quad);

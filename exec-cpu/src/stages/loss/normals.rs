@@ -18,7 +18,7 @@ use specula_core::{
     vector::vec3,
 };
 
-/// Rows that the pixels of a tile and their neighbours lie in.
+/// Rows of the pixels of a tile and their neighbours.
 const ROWS: usize = SIZE + 2;
 
 /// Mean normal loss of a picture; adds its gradient.

@@ -19,13 +19,13 @@ use specula_core::{
 };
 
 impl Comparison<'_> {
-    /// Whether windows read coverage and depth.
+    /// True if windows need coverage and depth.
     fn looks_at_surfaces(&self) -> bool {
         self.weights.normal != 0.0 || self.weights.smoothness != 0.0
     }
 
     /// Losses of single pixels, colour and coverage, and their gradients. Also writes the planes
-    /// that windows read.
+    /// for windows.
     pub(super) fn pixel_losses(&self, grad: &mut [Quad]) -> (LossReport, Planes) {
         let cover = &self.frame.cover;
         let count = if self.looks_at_surfaces() {
@@ -141,8 +141,8 @@ impl Comparison<'_> {
         pixels
     }
 
-    /// Gradient of the transmittance through the background. Windows of SSIM reach unknown pixels,
-    /// but these have no gradient.
+    /// Gradient of the transmittance through the background. Windows of SSIM include unknown
+    /// pixels, but these have no gradient.
     pub(super) fn background_vjp(&self, grad: &mut [Quad]) {
         let channels = self.frame.channels;
         grad.par_chunks_mut(tile_len(channels)).enumerate().for_each(|(slot, tile)| {

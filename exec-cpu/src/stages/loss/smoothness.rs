@@ -25,15 +25,15 @@ use specula_core::{
     vector::{Vec3, vec3},
 };
 
-/// Pixels from one to the farthest neighbour that its normal is compared with.
+/// Distance in pixels of the farthest neighbour in the comparison of normals.
 const REACH: usize = REACHES[1];
-/// Pixels from one to the farthest whose normal affects its weight.
+/// Distance in pixels of the farthest normal that affects a weight.
 const WEIGHT_REACH: usize = CREASE_REACH + BLUR_REACH;
-/// Rows around a tile that weights read.
+/// Rows around a tile for weights.
 const WEIGHT_ROWS: usize = SIZE + 2 * WEIGHT_REACH;
-/// Rows around a tile that gradients read: the far ends of lines whose near end is a pixel.
+/// Rows around a tile for gradients, to the far ends of lines that end in the tile.
 const GRAD_ROWS: usize = SIZE + 4 * REACH;
-/// Rows that blurred normals are centred at.
+/// Rows of the centres of blurred normals.
 const BLURRED_ROWS: usize = WEIGHT_ROWS - 2 * BLUR_REACH;
 
 const _: () = assert!(2 * REACH <= CENTER && WEIGHT_REACH <= CENTER, "windows reach half a tile");
@@ -126,7 +126,7 @@ fn weigh_tile<S: Simd>(simd: S, comparison: &Comparison<'_>, normals: &Planes, s
             at,
             after: blurred_at(simd, &sums, row + 2 * CREASE_REACH, CENTER),
         };
-        // Blurred normals reach beyond the picture, where none are compared.
+        // Blurred normals extend beyond the picture, where they are not compared.
         let evenness = evenness(&across, &down, view_dir).keep(are_ends_inside(simd, comparison, position, row));
         let weight = match has_gloss && evenness.any_positive() {
             true => evenness * gloss_of_row(simd, frame, slot, row),
@@ -143,7 +143,7 @@ fn weigh_tile<S: Simd>(simd: S, comparison: &Comparison<'_>, normals: &Planes, s
     f64::from(sum.sum())
 }
 
-/// Gloss of a row of a tile to whose pixels light was added.
+/// Gloss of a row of a tile with added light.
 #[inline(always)]
 fn gloss_of_row<S: Simd>(simd: S, frame: &Frame, slot: usize, row: usize) -> Lanes<S> {
     let blended = |channel: usize| Lanes::load(simd, &row_of_tile(frame.tile(slot), frame.channels, channel, row));
@@ -154,7 +154,7 @@ fn gloss_of_row<S: Simd>(simd: S, frame: &Frame, slot: usize, row: usize) -> Lan
     gloss(lit, unlit_pixel_color(base, coverage), blended(channel::ROUGHNESS), coverage)
 }
 
-/// Mask of the pixels of a row of a tile whose neighbours at [`CREASE_REACH`] lie in the picture.
+/// Mask of the pixels of a row of a tile with neighbours at [`CREASE_REACH`] in the picture.
 #[inline(always)]
 fn are_ends_inside<S: Simd>(
     simd: S,
@@ -168,7 +168,7 @@ fn are_ends_inside<S: Simd>(
     reach.less(x) & reach.less(y) & (x + reach).less(width) & (y + reach).less(height)
 }
 
-/// Sums of the rows around each, as far as normals are blurred.
+/// Sums of the rows around each within the blur of normals.
 #[inline(always)]
 fn sums_down<S: Simd>(simd: S, windows: &Windows<WEIGHT_ROWS>) -> Windows<BLURRED_ROWS> {
     let mut sums = [[[0.0; 2 * SIZE]; BLURRED_ROWS]; 3];
@@ -240,7 +240,7 @@ fn read_windows<const ROWS: usize>(planes: &Planes, frame: &Frame, position: [us
     }
 }
 
-/// Adds the gradients of a tile's normals, from all lines that end or have their middle there.
+/// Adds the gradients of a tile's normals, from all lines with an end or the middle there.
 #[inline(always)]
 fn gather<S: Simd>(
     simd: S,
@@ -268,7 +268,7 @@ fn gather<S: Simd>(
         let mut grad_unit = Vec3::zero(share);
         for reach in REACHES {
             for axis in 0..2 {
-                // The middle of the line lies before the pixel, at it, or behind it.
+                // The middle of the line is before, at or after the pixel.
                 for shift in [-(reach as isize), 0, reach as isize] {
                     let [right, down] = if axis == 0 { [shift, 0] } else { [0, shift] };
                     let start = CENTER.wrapping_add_signed(right);

@@ -15,7 +15,7 @@ use specula_core::loss::{
 
 /// Half of SSIM's window.
 const REACH: usize = SSIM_WINDOW / 2;
-/// Rows that the windows of a tile read.
+/// Rows for the windows of a tile.
 const ROWS: usize = SIZE + 2 * REACH;
 
 /// Mean SSIM; adds its gradient.
@@ -49,7 +49,7 @@ pub(super) fn structure_loss(comparison: &Comparison<'_>, planes: &Planes, grad:
     sum / values as f64
 }
 
-/// Columns and rows of a tile that lie in the picture.
+/// Columns and rows of a tile in the picture.
 fn inside(frame: &Frame, [column, row]: [usize; 2]) -> [usize; 2] {
     [SIZE.min(frame.width - column * SIZE), SIZE.min(frame.height - row * SIZE)]
 }
@@ -68,15 +68,15 @@ fn window_lanes<S: Simd>(simd: S) -> Window<S> {
 }
 
 /// Windows down the columns of a row of tiles, of the current tile and its neighbours. Values are
-/// read one tile after they are pushed: by then they are in the cache, where a vector may begin
-/// anywhere.
+/// read one tile after they are pushed: then they are in the cache, where unaligned vectors are
+/// fast.
 struct Strip<const PLANES: usize> {
     rows: [[[f32; STRIP_TILES * SIZE]; SIZE]; PLANES],
-    /// Tiles that it holds; the last but one is the current one.
+    /// Number of tiles; the last but one is the current one.
     tiles: usize,
 }
 
-/// Capacity of a strip in tiles, before it starts again.
+/// Capacity of a strip in tiles before it is reset.
 const STRIP_TILES: usize = 8;
 
 impl<const PLANES: usize> Strip<PLANES> {
@@ -199,7 +199,7 @@ fn compare_tile<S: Simd>(
     f64::from(sum.sum())
 }
 
-/// Every window passes its gradients on to a colour of the pixels of a row of tiles.
+/// Propagates the gradients of all windows to a colour of the pixels of a row of tiles.
 #[inline(always)]
 fn add_grads_of_row<S: Simd>(
     simd: S,

@@ -17,7 +17,7 @@ fn source() -> String {
     Source::new().with(include_str!("add.wgsl")).text()
 }
 
-/// Adds the numbers of an array to those of another that is divided alike.
+/// Adds the numbers of an array to those of another with the same division.
 ///
 /// # Errors
 ///

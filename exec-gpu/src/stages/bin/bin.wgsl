@@ -1,9 +1,9 @@
 // Emission of tile-splat pairs, front to back (stage `bin`).
 //
-// Threads: one invocation a Gaussian, by its rank in the order of depth.
-// Inputs: splats, their order and numbers of tiles; the step counters.
-// Outputs: offsets of each Gaussian's pairs; tile, emission index and Gaussian of each pair.
-// Early exit: no pair is emitted where the capacity is exceeded.
+// Threads: one invocation a Gaussian, by its rank in the order of depth. Inputs: splats, their
+// order and numbers of tiles; the step counters. Outputs: offsets of each Gaussian's pairs; tile,
+// emission index and Gaussian of each pair. Early exit: no pair is emitted if the capacity is
+// exceeded.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;
@@ -15,8 +15,8 @@
 @group(0) @binding(7) var<storage, read_write> emitted: array<u32>;
 @group(0) @binding(8) var<storage, read> counters: array<u32>;
 
-// Writes the numbers of tiles in the order of depth, and a zero behind them: its exclusive prefix
-// sum is the number of pairs.
+// Writes the numbers of tiles in the order of depth, followed by a zero: its exclusive prefix sum
+// is the number of pairs.
 @compute @workgroup_size(GROUP)
 fn counts_in_order(
     @builtin(workgroup_id) group: vec3u,
@@ -32,7 +32,7 @@ fn counts_in_order(
 }
 
 // Emits a pair for each tile of each splat, numbered in the order of depth. `offsets` are exclusive
-// prefix sums by now.
+// prefix sums.
 @compute @workgroup_size(GROUP)
 fn emit(
     @builtin(workgroup_id) group: vec3u,
@@ -64,9 +64,9 @@ fn emit(
             next++;
         }
     }
-    // Another kernel counted the tiles, and may round the edge of an outline otherwise. Where this
-    // one finds fewer, other tiles take their place, which no pixel of the splat reaches: those
-    // behind the last one, or in front of the first.
+    // Another kernel counted the tiles, and may round the edge of an outline differently. If this
+    // one finds fewer, tiles outside of the splat are emitted instead: those after the last one, or
+    // before the first.
     for (; next < end; next++) {
         if after < camera.tiles.x * camera.tiles.y {
             emit_pair(next, after, gaussian);

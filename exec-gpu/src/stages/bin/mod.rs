@@ -145,7 +145,7 @@ fn not_drawn(depth_bits: u32) -> u32 {
     u32::MAX >> (u32::BITS - depth_bits.max(1))
 }
 
-/// All Gaussians, front to back, ties in their order; behind them those that are not drawn. Sorts
+/// All Gaussians, front to back, ties in their order, followed by those that are not drawn. Sorts
 /// only by bits in which depths differ.
 fn depth_order(
     context: &mut Context,

@@ -1,3 +1,3 @@
-// Declarations: channels of the splat that is composited.
+// Declarations: channels of the composited splat.
 
 var<private> color: array<vec4f, CHANNEL_VECTORS>;

@@ -39,8 +39,7 @@ pub(crate) fn pixels(source: Source, block: PixelBlock) -> Source {
         .with(include_str!("pixels.wgsl"))
 }
 
-/// Appends the channels of the splat that is composited, and `read_color`, which reads those of a
-/// Gaussian.
+/// Appends the channels of the composited splat, and `read_color`, which reads those of a Gaussian.
 pub(crate) fn color(source: Source, channel_count: usize) -> Source {
     let vectors = channel_count.div_ceil(4);
     source.with(include_str!("color.wgsl")).unrolled("read_color(gaussian: u32)", vectors, |k| {
@@ -50,12 +49,11 @@ pub(crate) fn color(source: Source, channel_count: usize) -> Source {
 
 /// Splats of a batch in workgroup memory: 8 KiB with 24 channels.
 pub(crate) const BATCH: usize = 64;
-/// Splats of a batch that a rasteriser composites between two tests whether its pixels have
-/// terminated; divides [`BATCH`].
+/// Splats between two tests whether all pixels have terminated; divides [`BATCH`].
 const SPLATS_A_ROUND: usize = 4;
 
-/// Appends batches of splats in workgroup memory, and `read_staged_color`, which reads channels
-/// there.
+/// Appends batches of splats in workgroup memory, and `read_staged_color`, which reads their
+/// channels.
 pub(crate) fn staging(source: Source, channel_count: usize) -> Source {
     let vectors = channel_count.div_ceil(4);
     source.count("BATCH", BATCH).count("SPLATS_A_ROUND", SPLATS_A_ROUND).with(include_str!("staging.wgsl")).unrolled(
@@ -96,8 +94,7 @@ pub(crate) fn source(kernels: KernelSet, channel_count: usize) -> String {
     source.text()
 }
 
-/// A function that takes the staged splats of a round one after the other; returns the last
-/// result.
+/// Function that calls a step for each staged splat of a round; returns the last result.
 pub(crate) fn round(name: &str, step: &str) -> String {
     let steps: String = (0..SPLATS_A_ROUND - 1).map(|k| format!("    {step}(first + {k}u, point);\n")).collect();
     let last = SPLATS_A_ROUND - 1;

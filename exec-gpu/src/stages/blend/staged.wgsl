@@ -1,10 +1,10 @@
 // Tile rasteriser, splats in batches: composites the splats of each tile, front to back.
 //
 // Threads: one workgroup a tile, one invocation a block of BLOCK_WIDTH × BLOCK_HEIGHT pixels.
-// Memory: invocations read a batch of splats into workgroup memory, one each, and all of them read
-// it there; an invocation keeps the state and channels of its pixels in registers.
-// Variants: size of the block, number of channels.
-// Early exit: once the transmittance of all pixels of the tile is below TRANSMITTANCE_MIN.
+// Memory: invocations load a batch of splats into workgroup memory, one each, and share it; an
+// invocation keeps the state and channels of its pixels in registers. Variants: size of the block,
+// number of channels. Early exit: once the transmittance of all pixels of the tile is below
+// TRANSMITTANCE_MIN.
 
 fn blend_staged(k: u32, point: vec2f) -> f32 {
     let splat = staged[k];
@@ -12,8 +12,8 @@ fn blend_staged(k: u32, point: vec2f) -> f32 {
     return blend_splat(splat.root, splat.log2_opacity, point - splat.mean2d);
 }
 
-// Composites a batch of splats; returns whether pixels take further splats. Splats of a round do
-// not wait for each other's falloffs; those behind a terminated pixel change nothing.
+// Composites a batch of splats; returns whether pixels take further splats. The falloffs of a round
+// are independent; splats after the termination of a pixel change nothing.
 fn blend_splats(count: u32) -> bool {
     let point = vec2f(corner) + 0.5;
     for (var k = 0u; k < count; k += SPLATS_A_ROUND) {

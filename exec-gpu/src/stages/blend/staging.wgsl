@@ -1,4 +1,4 @@
-// Declarations: a batch of splats in workgroup memory, which invocations read into it together.
+// Declarations: a batch of splats in workgroup memory, loaded by all invocations.
 
 struct StagedSplat {
     mean2d: vec2f,
@@ -6,7 +6,7 @@ struct StagedSplat {
     root: vec3f,
 }
 
-// Strength of the splats that fill up a batch: they are invisible.
+// Strength of the padding splats of a batch, which are invisible.
 const INVISIBLE: f32 = -1e30;
 
 var<workgroup> staged: array<StagedSplat, BATCH>;
@@ -42,7 +42,7 @@ fn start_tile(local: u32) {
     }
 }
 
-// Whether no pixel of the tile takes further splats; all invocations are done with the batch then.
+// True if no pixel of the tile takes further splats; then all invocations are done with the batch.
 fn is_tile_over(local: u32) -> bool {
     workgroupBarrier();
     if local == 0u {

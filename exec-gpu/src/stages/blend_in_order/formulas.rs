@@ -1,4 +1,4 @@
-//! Alpha and depth of a splat in a pixel, and its compositing once its turn has come.
+//! Alpha and depth of a splat in a pixel, and its compositing in its turn.
 
 use crate::{
     codegen::formula::formula,
@@ -10,11 +10,10 @@ use specula_core::{
     splat::Splat2d,
 };
 
-/// Pixels of an invocation: each has an order of its own.
+/// Pixels of an invocation: each has its own order.
 pub(crate) const PIXEL: PixelBlock = PixelBlock { width: 1, height: 1 };
 
-/// Alpha of a splat in a pixel ([`specula_core::blend::alpha`]); zero where it fails the alpha
-/// test.
+/// Alpha of a splat in a pixel ([`specula_core::blend::alpha`]); zero if it fails the alpha test.
 #[derive(Clone, Copy, Debug)]
 pub struct AlphaOf;
 

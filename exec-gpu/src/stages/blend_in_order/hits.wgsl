@@ -1,5 +1,4 @@
-// Declarations: splats of a pixel that wait for their turn, in the order of depths; ties in the
-// order of the tile.
+// Declarations: waiting splats of a pixel in the order of depths; ties in the order of the tile.
 
 @group(0) @binding(6) var<storage, read> responses: array<Response>;
 
@@ -13,7 +12,7 @@ struct Hit {
 
 var<private> hits: array<Hit, HITS>;
 
-// Splat in the pixel around a point; its alpha is zero where it is not visible.
+// Splat in the pixel around a point; its alpha is zero if it is not visible.
 fn hit_at(position: u32, point: vec2f) -> Hit {
     let gaussian = gaussians_of[position];
     let splat = splats[gaussian];

@@ -17,7 +17,7 @@ use specula_core::camera::Camera;
 
 pub mod formulas;
 
-/// Splats that a pass of the exact order selects: as many as private memory easily holds.
+/// Splats selected by a pass of the exact order, limited by private memory.
 const SELECTED: usize = 32;
 
 /// Kernel of a window; without one, of the exact order.

@@ -1,5 +1,5 @@
 // Tile rasteriser in the exact order of each pixel: passes over the splats of a tile select the
-// next HITS by depth, behind those of the pass before.
+// next HITS by depth, after those of the previous pass.
 //
 // Threads: one workgroup a tile, one invocation a pixel.
 // Memory: an invocation keeps the selected splats, sorted, in private memory.
@@ -17,7 +17,7 @@ fn blend_pixel(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_ind
     let range = ranges[tile.y * camera.tiles.x + tile.x];
     blend_start();
     let point = vec2f(corner) + 0.5;
-    // In front of all: depths are not negative.
+    // Before all splats: depths are not negative.
     var last = Hit(-1.0, 0.0, 0u, 0u);
     var count = HITS;
     while count == HITS && transmittance >= TRANSMITTANCE_MIN {
@@ -27,7 +27,7 @@ fn blend_pixel(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_ind
             if hit.alpha == 0.0 || !is_behind(hit, last) {
                 continue;
             }
-            // The farthest of a full selection is replaced.
+            // Replaces the farthest of a full selection.
             var place = min(count, HITS - 1u);
             if count == HITS && !(hits[place].depth > hit.depth) {
                 continue;

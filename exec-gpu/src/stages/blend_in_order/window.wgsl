@@ -1,5 +1,5 @@
-// Tile rasteriser in the order of a window: the visible splats of a tile come by the depth of their
-// means, and the nearest of HITS is composited.
+// Tile rasteriser in the order of a window: the visible splats of a tile are read by the depth of
+// their means, and the nearest of HITS is composited.
 //
 // Threads: one workgroup a tile, one invocation a pixel.
 // Memory: an invocation keeps its window as a ring in private memory.

@@ -20,7 +20,7 @@ fn has_slot(emission: u32) -> bool {
     return batch.first <= emission && emission < batch.end;
 }
 
-// Slots of splats behind terminated pixels, which an invocation of several clears.
+// Slots of splats after the termination of all pixels, which all invocations clear.
 fn clear_slots(first: u32, end: u32, local: u32, invocations: u32) {
     for (var row = local; row < (end - first) * SLOT; row += invocations) {
         let emission = emissions_of[first + row / SLOT];

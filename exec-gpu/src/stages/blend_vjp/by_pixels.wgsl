@@ -3,15 +3,14 @@
 // Threads: one workgroup a tile, one invocation a block of BLOCK_WIDTH × BLOCK_HEIGHT pixels.
 // Memory: invocations store the sums over their pixels of SPLATS_AT_ONCE splats in workgroup
 // memory; their totals go to slots in storage, one for each tile-splat pair, at its emission index.
-// Variants: size of the block, number of channels.
-// Early exit: once all pixels of the tile have terminated, and behind the batch of emissions.
+// Variants: size of the block, number of channels. Early exit: once all pixels of the tile have
+// terminated, and after the batch of emissions.
 
 @group(0) @binding(8) var<storage, read> ranges: array<vec2u>;
 @group(0) @binding(9) var<storage, read> frame: array<f32>;
 
 const INVOCATIONS: u32 = BLOCKS;
-// A row of sums has one number more than invocations, so that rows begin in different banks of the
-// memory.
+// A row of sums has one number more than invocations, so rows begin in different memory banks.
 const ROW: u32 = INVOCATIONS + 1u;
 // Bit of `contributions` for pixels that have not terminated; the lowest bits are those of the
 // splats.
@@ -81,7 +80,7 @@ fn blend_vjp(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index
 
     var first = range.x;
     var parity = 0u;
-    // Within a tile emissions ascend: behind the batch there is nothing to do.
+    // Within a tile emissions ascend: nothing remains after the batch.
     while first < range.y && emissions_of[first] < batch.end {
         let count = min(SPLATS_AT_ONCE, range.y - first);
         atomicOr(&contributions[parity], replay_splats(first, count, local));

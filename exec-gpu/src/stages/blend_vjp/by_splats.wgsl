@@ -2,15 +2,14 @@
 // back.
 //
 // Threads: one workgroup a segment, one invocation every SPLATS-th splat. Blocks of BLOCK_WIDTH ×
-// BLOCK_HEIGHT pixels pass from invocation to invocation: in step s, invocation k has block
-// (s − k) % BLOCKS. After its last block it goes on with its next splat, while the first blocks
-// come back to it, so that only the first and the last steps have idle invocations.
-// Memory: states of the pixels in workgroup memory, with their gradients where these fit; sums of
-// a splat in registers, then in its slot, at its emission index. There is nothing to add up. The
-// next splat is on its way while one is replayed.
-// Inputs: segments, and the states of the pixels in front of them.
-// Variants: size of the block, number of splats, number of channels.
-// Early exit: once all pixels of the tile have terminated, and behind the batch of emissions.
+// BLOCK_HEIGHT pixels pass from invocation to invocation: in step s, invocation k has block (s − k)
+// % BLOCKS. After its last block it continues with its next splat and the first blocks, so only the
+// first and the last steps have idle invocations. Memory: states of the pixels in workgroup memory,
+// with their gradients where these fit; sums of a splat in registers, then in its slot, at its
+// emission index. No sums over invocations are needed. The next splat is loaded during the replay
+// of one. Inputs: segments, and the states of the pixels in front of them. Variants: size of the
+// block, number of splats, number of channels. Early exit: once all pixels of the tile have
+// terminated, and after the batch of emissions.
 
 @group(0) @binding(8) var<storage, read> segments: array<Segment>;
 @group(0) @binding(9) var<storage, read> states: array<vec2f>;
@@ -22,14 +21,14 @@ var<workgroup> transmittances: array<Pixels, BLOCKS>;
 var<workgroup> remainders: array<Pixels, BLOCKS>;
 // Vector after vector, each of all blocks.
 var<workgroup> grads: array<vec4f, select(1u, BLOCK_VECTORS * BLOCKS, KEEPS_GRADS)>;
-// The first splat behind which all pixels have terminated.
+// First splat after which all pixels have terminated.
 var<workgroup> over_at: u32;
 
 var<private> sums: array<f32, SLOT>;
 // First state of the segment.
 var<private> first_state: u32;
 
-// Splat that is replayed next, its emission and its channels.
+// Next splat to replay, its emission and its channels.
 var<private> next_splat: Splat;
 var<private> next_emission: u32;
 var<private> next_color: array<vec4f, CHANNEL_VECTORS>;
@@ -90,7 +89,7 @@ fn read_next(pair: u32, end: u32) {
     }
 }
 
-// The first splat of a segment behind the batch of emissions, which ascend within a tile.
+// First splat of a segment after the batch of emissions, which ascend within a tile.
 fn end_of_batch(segment: Segment) -> u32 {
     var low = segment.first;
     var high = segment.end;
@@ -108,7 +107,7 @@ fn end_of_batch(segment: Segment) -> u32 {
     return low;
 }
 
-// Steps until the last of some splats has met the last block.
+// Steps until the last of some splats has processed the last block.
 fn steps_of(count: u32) -> u32 {
     if count == 0u {
         return 0u;
@@ -165,7 +164,7 @@ fn blend_vjp(
                 if has_slot(emission) {
                     write_slot((emission - batch.first) * SLOT);
                 }
-                // At most one invocation ends a splat in a step, and splats end in their order.
+                // At most one invocation finishes a splat in a step, and splats finish in order.
                 if transmittance_sum == 0.0 {
                     over_at = min(over_at, own + 1u);
                 }
@@ -178,7 +177,7 @@ fn blend_vjp(
             break;
         }
     }
-    // Splats that ended after the last one that anything reaches have written their slots.
+    // Splats that finished after the last contributing one have written their slots.
     storageBarrier();
     clear_slots(workgroupUniformLoad(&over_at), end, local, SPLATS);
 }

@@ -4,8 +4,8 @@
 //! that the slots of a Gaussian are adjacent. Pairs beyond the largest array are processed in
 //! batches of emissions; every Gaussian adds its slots in the same order for any number of batches.
 //!
-//! Where invocations own splats, a tile is divided into segments of splats, which are replayed side
-//! by side: the states of the pixels in front of them come from a first pass, which needs no sums.
+//! If invocations own splats, a tile is divided into segments of splats, which are replayed in
+//! parallel: the states of the pixels in front of them come from a first pass, which needs no sums.
 
 use crate::{
     codegen::source::Source,
@@ -35,25 +35,27 @@ use specula_core::{bin::TILE_SIZE, camera::Camera, scene::BLOCK};
 
 pub mod formulas;
 
-/// Numbers of workgroup memory, by the limits of WebGPU; a few words are left for counters.
+/// Numbers of workgroup memory, by the limits of WebGPU; a few words are reserved for counters.
 const WORKGROUP_NUMBERS: usize = (16 * 1024 - 64) / 4;
 
-/// Invocations of the replay: what each of them owns. Results differ by rounding.
+/// Ownership of invocations in the replay. Results differ by rounding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReplayBy {
-    /// Blocks of pixels, over which the splats of a tile pass. The sums of each splat are added up
-    /// in workgroup memory. Larger blocks need fewer sums, but more registers.
+    /// Invocations own blocks of pixels and iterate over the splats of a tile. The sums of each
+    /// splat are reduced in workgroup memory. Larger blocks need fewer reductions, but more
+    /// registers.
     Pixels(PixelBlock),
-    /// Splats, over which the blocks of a tile's pixels pass. Nothing is added up, but every step
-    /// ends with a barrier; larger blocks need fewer, but more registers.
+    /// Invocations own splats and iterate over the blocks of a tile's pixels. No reductions are
+    /// needed, but every step ends with a barrier; larger blocks need fewer barriers, but more
+    /// registers.
     Splats {
         /// Pixels of a step.
         block: PixelBlock,
-        /// Invocations of a workgroup, at most as many as a tile has blocks. More of them are idle
-        /// in tiles of few splats.
+        /// Invocations of a workgroup, at most one per block of a tile. More of them are idle in
+        /// tiles of few splats.
         count: usize,
-        /// Splats of a segment, a multiple of 64. Segments are replayed side by side; longer
-        /// ones have fewer idle invocations, and fewer states in front of them.
+        /// Splats of a segment, a multiple of 64. Segments are replayed in parallel; longer ones
+        /// have fewer idle invocations and fewer initial states.
         segment: usize,
     },
 }
@@ -63,16 +65,15 @@ pub enum ReplayBy {
 pub struct ReplayDivision {
     /// Invocations.
     pub by: ReplayBy,
-    /// Largest number of slots that are kept at once, if an array holds as many. Results do not
-    /// depend on it.
+    /// Largest number of slots at a time, if they fit into an array. Results do not depend on it.
     pub slots_max: usize,
-    /// Largest number of segments whose states are kept at once, likewise.
+    /// Largest number of segments with stored states at a time, if they fit into an array.
     pub segments_max: usize,
 }
 
 impl ReplayDivision {
-    /// Division of a set of kernels. A software driver has registers to spare, and pays for
-    /// barriers; 32 invocations are a subgroup of most hardware.
+    /// Division of a set of kernels. On a software driver registers are cheap and barriers
+    /// expensive; 32 invocations are a subgroup of most hardware.
     pub(crate) fn new(kernels: KernelSet) -> Self {
         let by = match kernels {
             KernelSet::Software => ReplayBy::Pixels(PixelBlock { width: 4, height: 4 }),
@@ -89,13 +90,13 @@ fn block_count(block: PixelBlock) -> usize {
     (TILE_SIZE * TILE_SIZE) as usize / block.count()
 }
 
-/// Splats whose sums are in workgroup memory at once; each has a bit of a word, and one bit is
+/// Splats with sums in workgroup memory at the same time; each has a bit of a word, and one bit is
 /// reserved.
 fn splats_at_once(block: PixelBlock, channels: usize) -> usize {
     (WORKGROUP_NUMBERS / ((MOMENTS + channels) * (block_count(block) + 1))).min(31)
 }
 
-/// Whether the gradients of a tile's pixels are in workgroup memory, beside their states.
+/// True if the gradients of a tile's pixels are in workgroup memory, next to their states.
 fn keeps_grads(block: PixelBlock, channels: usize) -> bool {
     (channels.next_multiple_of(4) + 2) * block.count() * block_count(block) <= WORKGROUP_NUMBERS
 }
@@ -161,7 +162,7 @@ pub(crate) fn replay_source(by: ReplayBy, channel_count: usize) -> String {
     source.text()
 }
 
-/// Source of the kernel that replays the splats of tiles for the states in front of segments.
+/// Source of the kernel that replays the splats of tiles for the initial states of segments.
 pub(crate) fn state_source(segment: usize, channel_count: usize) -> String {
     let block = ReplayState::BLOCK;
     replay(block, channel_count)
@@ -210,7 +211,7 @@ pub(crate) fn blend_vjp(
         ReplayBy::Splats { segment, .. } => Some(Segments::new(context, segment, division.segments_max, tiles, &view)?),
     };
     let replay = Replay { by: division.by, splats, colors, tiles, frame, grad, slots, sums, segments, view };
-    // At least one batch, so that all sums are written.
+    // Runs at least one batch, so all sums are written.
     for first in (0..tiles.count_max.max(1)).step_by(slots_at_once) {
         replay.run_batch(context, [first, (first + slots_at_once).min(tiles.count_max)], first == 0)?;
     }
@@ -218,7 +219,7 @@ pub(crate) fn blend_vjp(
     Ok(SplatGrads { channels, values: replay.sums })
 }
 
-/// States in front of segments; those that are kept at once.
+/// Initial states of segments, a range at a time.
 struct Segments {
     /// Splats of a segment.
     length: usize,
@@ -229,7 +230,7 @@ struct Segments {
     states: Array,
 }
 
-/// Words of a segment, and of a state in front of it.
+/// Words of a segment, and of its initial states.
 const SEGMENT_WORDS: usize = 4;
 const STATE_WORDS: usize = 2 * (TILE_SIZE * TILE_SIZE) as usize;
 
@@ -296,7 +297,7 @@ impl Replay<'_> {
         Ok(())
     }
 
-    /// Replays splats into the slots of a batch of emissions; `others` are bound behind the arrays
+    /// Replays splats into the slots of a batch of emissions; `others` are bound after the arrays
     /// of every replay.
     fn run_replay(
         &self,
@@ -322,7 +323,7 @@ impl Replay<'_> {
         context.dispatch(&key, "blend_vjp", &|| replay_source(by, channels), &bindings, size)
     }
 
-    /// Finds a range of segments, and the states in front of them.
+    /// Computes a range of segments, and their initial states.
     fn run_states(&self, context: &mut Context, segments: &Segments, kept: [u32; 2]) -> Result<(), GpuError> {
         let (length, channels) = (segments.length, self.colors.channels);
         context.clear(&segments.segments, 0);
@@ -343,7 +344,7 @@ impl Replay<'_> {
         context.dispatch(&key, "replay_states", &|| state_source(length, channels), &bindings, size)
     }
 
-    /// Converts the moments to gradients, once all sums are complete.
+    /// Converts the moments to gradients, after all sums are complete.
     fn finish(&self, context: &mut Context) -> Result<(), GpuError> {
         for chunk in self.sums.chunks(self.splats.count) {
             self.run_slots(context, "finish_splats", [0; 2], &chunk, chunk.gaussians.len())?;

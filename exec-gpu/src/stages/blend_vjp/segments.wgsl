@@ -2,7 +2,7 @@
 
 struct Segment {
     tile: u32,
-    // First and past-the-last splat among the pairs; equal where there is no segment.
+    // First and past-the-last splat among the pairs; equal if there is no segment.
     first: u32,
     end: u32,
     // Whether all pixels have terminated in front of it.

@@ -1,4 +1,4 @@
-// Declarations: composited numbers of a pixel, from which its replay starts.
+// Declarations: composited numbers of a pixel, the initial values of its replay.
 
 fn blended(number: u32) -> f32 {
     if is_inside(number / (CHANNELS + 1u)) {

@@ -18,7 +18,7 @@
 @group(0) @binding(8) var<storage, read_write> segments: array<Segment>;
 @group(0) @binding(9) var<storage, read_write> states: array<vec2f>;
 
-// Segments that are kept.
+// Range of stored segments.
 struct Kept {
     first: u32,
     end: u32,

@@ -34,7 +34,7 @@ pub(crate) struct CameraUniform {
 }
 
 impl CameraUniform {
-    /// A camera that sees `gaussian_count` Gaussians.
+    /// Camera for `gaussian_count` Gaussians.
     pub(crate) fn new(camera: &Camera, gaussian_count: usize) -> Self {
         Self::with_range(camera, 0..gaussian_count)
     }

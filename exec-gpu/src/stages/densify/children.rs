@@ -164,8 +164,8 @@ impl Children {
         context.dispatch(&key, "gather", &|| gather_source(layout), &bindings, size)
     }
 
-    /// Samples the means of split children, and shrinks them. The host draws the noise, so that all
-    /// executors draw the same.
+    /// Samples the means of split children, and shrinks them. The host draws the noise, so all
+    /// executors use the same numbers.
     ///
     /// # Errors
     ///

@@ -1,7 +1,7 @@
 // Children: the Gaussians after densification (stage `densify`).
 //
-// Those that are kept come first, then clones, then the children of split Gaussians, two each; a
-// child is its parent's index and its origin.
+// Kept Gaussians come first, then clones, then the two children of each split Gaussian; a child is
+// its parent's index and its origin.
 //
 // Threads: `mark`, `store_children`: one invocation a Gaussian; `find_bounds`: one a column of
 // COLUMN Gaussians.
@@ -88,7 +88,7 @@ fn store_child(child: u32, origin: u32, code: u32) {
     codes[child] = code;
 }
 
-// Stores the children of every Gaussian; `offsets` are exclusive prefix sums by now.
+// Stores the children of every Gaussian; `offsets` are exclusive prefix sums.
 @compute @workgroup_size(GROUP)
 fn store_children(
     @builtin(workgroup_id) group: vec3u,

@@ -12,7 +12,7 @@ use specula_core::{
     scene::{LOG_SCALE, Layout, MEAN, OPACITY},
 };
 
-/// Measures that decide over a Gaussian ([`specula_core::densify::decide`]).
+/// Measures of a Gaussian for the decision ([`specula_core::densify::decide`]).
 #[derive(Clone, Copy, Debug)]
 pub struct MeasuresOf {
     /// Planes of the Gaussian.

@@ -9,7 +9,7 @@ struct Gathering {
     first: u32,
     end: u32,
     numbers: u32,
-    // Whether clones and split children take their parents' numbers too; else they are zero.
+    // True if clones and split children copy their parents' numbers; otherwise they are zero.
     keeps_new: u32,
     // Range of the parents of the old chunk; children of other parents are skipped.
     old_first: u32,

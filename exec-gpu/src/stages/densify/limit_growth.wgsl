@@ -1,4 +1,4 @@
-// Limit of growth: Gaussians behind the first `growth_max` are kept unchanged (stage `densify`).
+// Limit of growth: Gaussians after the first `growth_max` are kept unchanged (stage `densify`).
 //
 // Threads: one invocation a Gaussian, by its rank in descending order of gradients.
 // Inputs: order of the Gaussians.

@@ -1,5 +1,5 @@
-//! Densification: Gaussians are cloned, split and pruned where they lie; the host reads a few
-//! counts and draws the random numbers of split Gaussians.
+//! Densification: Gaussians are cloned, split and pruned on the device; the host reads a few counts
+//! and draws the random numbers of split Gaussians.
 
 use crate::{
     device::{chunks::ChunkedArray, context::Context, error::GpuError},
@@ -46,7 +46,7 @@ pub(crate) fn densify(
     *statistics = Statistics { grad_sum, view_count };
     let report = plan.report();
     drop((plan, children));
-    // No array of the old number of Gaussians is needed again.
+    // Arrays for the old number of Gaussians are no longer needed.
     context.free_unused_memory();
     Ok(report)
 }

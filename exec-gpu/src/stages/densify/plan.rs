@@ -96,7 +96,7 @@ impl DensifyPlan {
         Ok(plan)
     }
 
-    /// Keeps unchanged all but the `growth_max` Gaussians of the largest gradients that would grow.
+    /// Limits cloning and splitting to the `growth_max` Gaussians with the largest gradients.
     fn limit_growth(
         &mut self,
         context: &mut Context,

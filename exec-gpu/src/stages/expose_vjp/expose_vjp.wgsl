@@ -28,12 +28,12 @@ fn pixel_vjp(pixel: vec2u) -> ExposureSum {
     let size = pixel_count();
     let index = pixel.y * exposure.size.x + pixel.x;
     let grad = vec3f(grads[index], grads[size + index], grads[2u * size + index]);
-    let of_pixel = expose_pixel_vjp(color_at(index), transmittance_at(index), grad);
-    grads[index] = of_pixel.color.x;
-    grads[size + index] = of_pixel.color.y;
-    grads[2u * size + index] = of_pixel.color.z;
-    grads[CHANNELS * size + index] += of_pixel.transmittance;
-    return ExposureSum(of_pixel.red, of_pixel.green, of_pixel.blue);
+    let grads_of_pixel = expose_pixel_vjp(color_at(index), transmittance_at(index), grad);
+    grads[index] = grads_of_pixel.color.x;
+    grads[size + index] = grads_of_pixel.color.y;
+    grads[2u * size + index] = grads_of_pixel.color.z;
+    grads[CHANNELS * size + index] += grads_of_pixel.transmittance;
+    return ExposureSum(grads_of_pixel.red, grads_of_pixel.green, grads_of_pixel.blue);
 }
 
 @compute @workgroup_size(SUM_GROUP)

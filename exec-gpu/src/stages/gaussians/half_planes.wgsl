@@ -1,5 +1,5 @@
-// Declarations: planes of the Gaussian `gaussian`. Sixteen Gaussians make a block, whose first
-// planes are stored in full, and the others as halves, two planes to a word.
+// Declarations: planes of the Gaussian `gaussian`. Sixteen Gaussians make a block, with the first
+// planes stored as `f32`, and the others as halves, two planes in a word.
 
 alias Stored = u32;
 

@@ -11,7 +11,7 @@ use specula_core::{
     scene::Layout,
 };
 
-/// Planes of one Gaussian, as the shader's function `plane` reads them.
+/// Planes of one Gaussian, through the shader's function `plane`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Planes<'a, R>(pub(crate) &'a [R]);
 

@@ -21,7 +21,7 @@ use specula_core::{
     splat::SplatGrad,
 };
 
-/// Gradients of a Gaussian's splat and channels, as the shader's function `splat_grad` reads them.
+/// Gradients of a Gaussian's splat and channels, through the shader's function `splat_grad`.
 fn splat_grad_field(blended: Channels) -> [Field; 1] {
     [call("splat_grad", GEOMETRY + blended.count())]
 }
@@ -46,12 +46,12 @@ impl<R: Real> AttributeGrads<R> for PlaneGrads<R> {
 }
 
 /// Gradients of a Gaussian's planes ([`specula_core::attributes`]) from those of its splat and
-/// channels; with light, also from those of the light that it looked up.
+/// channels; with light, also from those of its looked-up light.
 #[derive(Clone, Copy, Debug)]
 pub struct PlanesVjp {
     /// Shading of the Gaussian.
     pub shading: GaussianShading,
-    /// Whether it looked up a light.
+    /// True if it looked up a light.
     pub is_lit: bool,
 }
 

@@ -24,7 +24,7 @@ fn store_plane_grad(plane: u32, grad: f32) {
     grads[(gaussian / BLOCK * PLANES + plane) * BLOCK + gaussian % BLOCK] = grad;
 }
 
-// Whether any gradient of the splat is not zero; NaN is not.
+// True if any gradient of the splat is not zero, including NaN.
 fn is_touched() -> bool {
     var bits = 0u;
     for (var number = 0u; number < SPLAT_PLANES; number++) {

@@ -23,7 +23,7 @@ pub(crate) const LAMP_LEN: usize = LampOf::<f32>::LEN;
 pub(crate) const DIRECT_LEN: usize = DirectLight::<f32>::LEN;
 
 /// Surface of a pixel for the light of lamps ([`specula_core::lamps::lit_pixel`]), from its blended
-/// channels. `is_lit` is 1 where the pixel shows a surface at a finite place, else 0.
+/// channels. `is_lit` is 1 if the pixel shows a surface at a finite position, else 0.
 #[derive(Clone, Copy, Debug)]
 pub struct LitPixelOf(pub SurfaceOfPixel);
 
@@ -91,7 +91,7 @@ formula!(ShadowRayOf, |_, inputs| shadow_ray_of(
     (direction, [weight])
 });
 
-/// Share of a lamp that a surface sees ([`specula_core::lamps::seen_share`]).
+/// Visible share of a lamp ([`specula_core::lamps::seen_share`]).
 #[derive(Clone, Copy, Debug)]
 pub struct ShareSeen;
 

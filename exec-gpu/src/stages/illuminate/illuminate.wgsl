@@ -1,16 +1,14 @@
 // Light of lamps (stage `illuminate`).
 //
-// Threads: one invocation a pixel.
-// Inputs: camera, blended layers, near field that casts shadows, lamps, light that it reflects.
-// Outputs: direct light, plane by plane.
-// Variants: none.
-// Early exit: pixels without a splat, and rays below the horizon.
+// Threads: one invocation a pixel. Inputs: camera, blended layers, near field as occluder, lamps,
+// its interreflected light. Outputs: direct light, plane by plane. Variants: none. Early exit:
+// pixels without a splat, and rays below the horizon.
 
 struct Lamps {
     count: u32,
-    // Shadow rays to a lamp that is wider than a point.
+    // Shadow rays to an area lamp.
     rays: u32,
-    // 1 where surfaces reflect light onto each other.
+    // 1 if surfaces reflect light onto each other.
     is_reflected: u32,
     padding: u32,
 }
@@ -43,7 +41,7 @@ fn store(first: u32, light: vec3f) {
     direct[(first + 2u) * size + pixel] = light.z;
 }
 
-// Share of the lamp that the pixel's surface sees.
+// Visible share of the lamp.
 fn share_of(place: vec2u, surface: LitPixelOf, toward: TowardLamp) -> f32 {
     if near_field.node_count == 0u {
         return 1.0;
@@ -71,7 +69,7 @@ fn reflected_at(vertex: u32) -> vec3f {
     return vec3f(reflected[3u * vertex], reflected[3u * vertex + 1u], reflected[3u * vertex + 2u]);
 }
 
-// Irradiance / pi by light that other surfaces reflect onto the pixel's.
+// Irradiance / pi by interreflected light.
 fn reflected_irradiance(surface: LitPixelOf) -> vec3f {
     let reach = BELOW * near_field.offset;
     let hit = hit_within(surface.start, -surface.normal, reach, false);

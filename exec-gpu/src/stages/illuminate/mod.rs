@@ -33,7 +33,7 @@ use std::sync::Arc;
 
 pub mod formulas;
 
-/// Numbers of a vector, in which the numbers of lamps are read.
+/// Numbers of a vector in which lamps are read.
 const VECTOR: usize = 4;
 
 pub(crate) fn source(surface: &SurfaceOfPixel) -> String {
@@ -58,7 +58,7 @@ pub(crate) fn source(surface: &SurfaceOfPixel) -> String {
 #[derive(Debug)]
 pub(crate) struct Lamps {
     set: LampsUniform,
-    /// Numbers of the lamps, then the points of a lamp that is wider than a point.
+    /// Numbers of the lamps, then the points of an area lamp.
     numbers: Array,
     occluder: Option<Arc<NearField<Array>>>,
     /// Irradiance / π of the occluder's vertices by reflected light; one number for none.
@@ -71,13 +71,13 @@ pub(crate) struct Lamps {
 struct LampsUniform {
     count: u32,
     rays: u32,
-    /// 1 where surfaces reflect light onto each other.
+    /// 1 if surfaces reflect light onto each other.
     is_reflected: u32,
     padding: u32,
 }
 
 impl Lamps {
-    /// Uploads lamps with this many shadow rays to each that is wider than a point.
+    /// Uploads lamps with this number of shadow rays to each area lamp.
     ///
     /// # Errors
     ///

@@ -3,7 +3,7 @@
 alias Texel = vec2u;
 
 // Bits of the nearest half, ties to even, as in `pack.rs`; `pack2x16float` may round towards zero.
-// Finite numbers beyond the largest half become the largest; infinities and NaN are kept.
+// Finite numbers are clamped to the largest half; infinities and NaN are kept.
 fn half_of(number: f32) -> u32 {
     let bits = bitcast<u32>(number);
     let sign = (bits >> 16u) & HALF_SIGN;
@@ -15,7 +15,7 @@ fn half_of(number: f32) -> u32 {
     if limited < F32_OF_HALF_MIN {
         return sign | u32(round(bitcast<f32>(limited) * SMALLEST_HALVES));
     }
-    // Rounds the dropped bits, ties by the last bit that is kept.
+    // Rounds the dropped bits, ties to even.
     let rounded = limited + (1u << (DROPPED_BITS - 1u)) - 1u + ((limited >> DROPPED_BITS) & 1u);
     return sign | ((rounded - F32_OF_HALF_BIAS) >> DROPPED_BITS);
 }

@@ -1,7 +1,7 @@
-// Declarations: sums of colours to which many invocations add at once. A number is an integer of
-// steps: three words are its digits, each of either sign, and the fourth counts numbers that were
-// not finite. The order of additions does not change the sum. Factors are powers of two, whose
-// products are exact on all devices; divisions need not be.
+// Declarations: sums of colours to which many invocations add concurrently. A number is an integer
+// of steps: three words are its signed digits, and the fourth counts numbers that were not finite.
+// The order of additions does not change the sum. Factors are powers of two, because their products
+// are exact on all devices, unlike divisions.
 
 fn add_number(first: u32, number: f32) {
     let is_fault = (bitcast<u32>(number) & EXPONENT_BITS) == EXPONENT_BITS;
@@ -13,8 +13,7 @@ fn add_number(first: u32, number: f32) {
     var word = select(u32(round((steps - whole) * WORD)), 1u, is_fault);
     var rest = select(vec2u(u32(whole - high * WORD), u32(high)), vec2u(0u), is_fault);
     var carried = 0u;
-    // One iteration for most numbers: they are smaller than a word, and digits of either sign
-    // seldom carry.
+    // One iteration for most numbers: they fit a word, and signed digits seldom carry.
     loop {
         let amount = word + carried;
         let before = atomicAdd(&light_sums[index], select(amount, 0u - amount, is_negative)) ^ SIGN_BIT;

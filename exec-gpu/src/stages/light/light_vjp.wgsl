@@ -52,10 +52,10 @@ fn level_sample_vjp(at: LevelSample, grad: vec3f) -> vec2f {
 
 // Gradient with respect to direction and roughness.
 fn look_up_vjp(lookup: LightLookup, direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {
-    let of_sharp = level_sample_vjp(lookup.sharp, grad * (1.0 - lookup.share));
-    let of_point = of_sharp + level_sample_vjp(lookup.blurred, grad * lookup.share);
-    let of_roughness = roughness_vjp(roughness, lookup.sharp.radiance, lookup.blurred.radiance, grad);
-    return vec4f(direction_vjp(direction, of_point), of_roughness);
+    let grad_sharp = level_sample_vjp(lookup.sharp, grad * (1.0 - lookup.share));
+    let grad_point = grad_sharp + level_sample_vjp(lookup.blurred, grad * lookup.share);
+    let grad_roughness = roughness_vjp(roughness, lookup.sharp.radiance, lookup.blurred.radiance, grad);
+    return vec4f(direction_vjp(direction, grad_point), grad_roughness);
 }
 
 // Gradient of `radiance` with respect to direction and roughness.

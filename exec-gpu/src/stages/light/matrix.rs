@@ -18,8 +18,8 @@ use core::ops::Range;
 use specula_core::pack::Storage;
 use specula_prefilter::sparse::Sparse;
 
-/// Partial sums of a row of a sparse matrix, a power of two: hardware hides the waits of the
-/// longest rows by many, a software driver takes one after the other.
+/// Partial sums of a row of a sparse matrix, a power of two: on hardware many of them hide the
+/// latency of long rows, a software driver is sequential.
 const fn row_sums(kernels: KernelSet) -> usize {
     match kernels {
         KernelSet::Software => 4,

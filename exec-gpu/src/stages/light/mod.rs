@@ -39,8 +39,8 @@ pub struct LightGrad {
 pub(crate) struct LightLayout {
     /// Roughness of each level.
     pub(crate) levels: LevelOf,
-    /// First texel and resolution of each level, and of the irradiance map behind them. Without
-    /// one, the last level holds the irradiance.
+    /// First texel and resolution of each level, and of the irradiance map after them. Without one,
+    /// the last level is the irradiance.
     pub(crate) maps: Vec<(usize, usize)>,
     /// Storage format of the texels.
     pub(crate) storage: Storage,
@@ -119,7 +119,7 @@ pub(crate) fn texels(source: Source, storage: Storage) -> Source {
     }
 }
 
-/// Appends the constants that `half_texels.wgsl` converts `f32` to halves with.
+/// Appends the constants of the conversion from `f32` to halves in `half_texels.wgsl`.
 fn halves(source: Source) -> Source {
     const HALF_MIN: f32 = 1.0 / 16_384.0;
     let half = |number: f32| pack2(number, 0.0) as usize;

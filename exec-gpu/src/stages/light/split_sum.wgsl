@@ -5,7 +5,7 @@ struct SplitSumCell {
     // Index of the upper left entry.
     first: u32,
     share: vec2f,
-    // 1 where a coordinate lies inside the table, 0 where it was clamped.
+    // 1 if a coordinate is inside the table, 0 if it was clamped.
     is_free: vec2f,
 }
 

@@ -1,4 +1,4 @@
-//! Sums of a light's gradient, to which many invocations add at once.
+//! Sums of a light's gradient, to which many invocations add concurrently.
 //!
 //! Floating-point sums depend on their order, and float atomics are not universal. So each number
 //! is rounded to whole steps of 2⁻⁵² and added as a 96-bit integer: numbers as small as gradients
@@ -21,9 +21,9 @@ use crate::{
 const SUM_WORDS: usize = 4;
 /// Index of the word that counts non-finite numbers.
 const SUM_FAULTS: usize = 3;
-/// Steps of the middle word per unit; those of the word before it are finer by 2³².
+/// Steps of the middle word per unit; those of the previous word are finer by 2³².
 const MIDDLE_STEPS: f32 = (1 << 20) as f32;
-/// Largest magnitude that is added.
+/// Largest magnitude of an addend.
 const NUMBER_MAX: f32 = (1 << 18) as f32;
 /// Values of a word.
 const WORD: f32 = 4_294_967_296.0;

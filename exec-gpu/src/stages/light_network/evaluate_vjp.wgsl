@@ -1,5 +1,5 @@
-// Gradients of a light's network in some texels (stage `prefilter_vjp`): answers of the layers and
-// gradients of their sums, of which the weights' gradients are products.
+// Gradients of a light's network in some texels (stage `prefilter_vjp`): outputs of the layers and
+// gradients of their sums; the weights' gradients are products of both.
 //
 // Threads: one invocation a texel.
 // Inputs: weights, encodings, gradient of each texel's radiance.
@@ -23,26 +23,26 @@ fn evaluate_network_vjp(
     let sums = sums_of(texel);
     let radiance = radiance_of_sums(sums);
     let grad = grads[node_of(texel)].xyz;
-    let of_sums = vec3f(
+    let grad_sums = vec3f(
         bounded_number_vjp(sums.x, radiance_vjp(radiance.x, grad.x)),
         bounded_number_vjp(sums.y, radiance_vjp(radiance.y, grad.y)),
         bounded_number_vjp(sums.z, radiance_vjp(radiance.z, grad.z)),
     );
-    records[record + OF_SUMS] = of_sums.x;
-    records[record + OF_SUMS + 1u] = of_sums.y;
-    records[record + OF_SUMS + 2u] = of_sums.z;
+    records[record + OF_SUMS] = grad_sums.x;
+    records[record + OF_SUMS + 1u] = grad_sums.y;
+    records[record + OF_SUMS + 2u] = grad_sums.z;
     for (var k = 0u; k < WIDTH; k++) {
         records[record + NEAR + k] = near_answers[k];
         records[record + FAR + k] = far_answers[k];
-        // From here on the gradient of the far sum.
-        far_answers[k] = rectify_vjp(far_answers[k], dot(weights_of_channels(k), of_sums));
+        // From here on the variable is the gradient of the far sum.
+        far_answers[k] = rectify_vjp(far_answers[k], dot(weights_of_channels(k), grad_sums));
         records[record + OF_FAR + k] = far_answers[k];
     }
     for (var input = 0u; input < WIDTH; input++) {
-        var of_near = 0.0;
+        var grad_near = 0.0;
         for (var k = 0u; k < WIDTH; k++) {
-            of_near += weight(SECOND + input * WIDTH + k) * far_answers[k];
+            grad_near += weight(SECOND + input * WIDTH + k) * far_answers[k];
         }
-        records[record + OF_NEAR + input] = rectify_vjp(near_answers[input], of_near);
+        records[record + OF_NEAR + input] = rectify_vjp(near_answers[input], grad_near);
     }
 }

@@ -37,7 +37,7 @@ formula!(BoundedNumberVjp, |_this, inputs| bounded_number_vjp(sum: 1, grad: 1) -
     [bounded_vjp(sum, NUMBER_MAX, grad)]
 });
 
-/// Answer of a hidden neuron ([`specula_core::light_network::rectify`]).
+/// Output of a hidden neuron ([`specula_core::light_network::rectify`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Rectify;
 

@@ -34,11 +34,11 @@ use std::sync::{Arc, OnceLock};
 
 pub mod formulas;
 
-/// Texels whose products are summed one after the other.
+/// Texels with products that are summed sequentially.
 const PART: usize = 512;
-/// Texels with records at once: 32 MiB of them.
+/// Texels with records at the same time: 32 MiB.
 const TEXELS_AT_ONCE: usize = 64 * PART;
-/// Places in a texel's record: answers of both hidden layers, gradients of their sums, and of the
+/// Offsets in a texel's record: outputs of both hidden layers, gradients of their sums, and of the
 /// last sums.
 const NEAR: usize = 0;
 const FAR: usize = NEAR + WIDTH;
@@ -117,7 +117,7 @@ impl NetworkTexels {
     /// Encodes and uploads the texels of the kept levels of a base of this resolution.
     pub(crate) fn new(context: &mut Context, resolution: usize, kept: LevelRange) -> Result<Arc<Self>, GpuError> {
         let encoded = EncodedTexels::new(resolution, kept);
-        // No array is empty.
+        // Arrays must not be empty.
         let no_encodings = [[0.0; ENCODING]];
         let encodings = if encoded.encodings().is_empty() { &no_encodings } else { encoded.encodings() };
         let encodings = context.upload("encoded directions of a light", encodings)?;

@@ -4,7 +4,8 @@ struct Texels {
     // Texels of this dispatch, and the first of them.
     count: u32,
     first: u32,
-    // Encoded texels of the base, the node of the first of them, and that of the first behind them.
+    // Encoded texels of the base, the node of the first of them, and that of the first one after
+    // them.
     base_count: u32,
     base_first: u32,
     row_first: u32,
@@ -18,7 +19,7 @@ struct Texels {
 @group(0) @binding(1) var<storage, read> weights: array<f32>;
 @group(0) @binding(2) var<storage, read> encodings: array<f32>;
 
-// Answers of the hidden layers.
+// Outputs of the hidden layers.
 var<private> near_answers: array<f32, WIDTH>;
 var<private> far_answers: array<f32, WIDTH>;
 
@@ -26,7 +27,7 @@ fn weight(index: u32) -> f32 {
     return bounded_weight(weights[index]);
 }
 
-// The node that an encoded texel is an input of.
+// Node of an encoded texel.
 fn node_of(texel: u32) -> u32 {
     if texel < texels.base_count {
         return texels.base_first + texel;
@@ -34,7 +35,7 @@ fn node_of(texel: u32) -> u32 {
     return texels.row_first + (texel - texels.base_count);
 }
 
-// Sums of the last layer; the hidden answers are left behind.
+// Sums of the last layer; stores the hidden outputs.
 fn sums_of(texel: u32) -> vec3f {
     for (var k = 0u; k < WIDTH; k++) {
         var sum = weight(ENCODING * WIDTH + k);
@@ -58,7 +59,7 @@ fn sums_of(texel: u32) -> vec3f {
     return sums;
 }
 
-// Weights of the last layer from a hidden answer.
+// Weights of the last layer from a hidden output.
 fn weights_of_channels(input: u32) -> vec3f {
     let first = THIRD + input * CHANNELS;
     return vec3f(weight(first), weight(first + 1u), weight(first + 2u));

@@ -34,7 +34,7 @@ fn limit_plane(
         return;
     }
     let index = first + limit.plane * BLOCK;
-    // NaN is limited too.
+    // NaN is also replaced.
     if !(values[index] <= limit.ceiling) {
         values[index] = limit.ceiling;
     }
@@ -42,8 +42,8 @@ fn limit_plane(
     squares[index] = 0.0;
 }
 
-// Compares the bits, which sort as the numbers do, as squared distances are not negative. NaN is
-// beyond all numbers; compilers may assume that numbers are finite.
+// Compares the bits, which sort like the numbers, because squared distances are not negative. NaN
+// is beyond all numbers; compilers may assume that numbers are finite.
 fn lies_outside(from_center: vec3f) -> bool {
     return limit.radius_squared < 0.0 || bitcast<u32>(dot(from_center, from_center)) > bitcast<u32>(limit.radius_squared);
 }

@@ -53,7 +53,7 @@ pub(crate) fn limit_plane(
 #[repr(C)]
 struct Limit {
     center: [f32; 3],
-    /// Negative without a ball: then every Gaussian lies outside.
+    /// Negative without a ball: then every Gaussian is outside.
     radius_squared: f32,
     count: u32,
     plane: u32,

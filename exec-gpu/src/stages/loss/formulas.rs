@@ -16,7 +16,7 @@ use specula_core::{
     smoothness::{Line, bending, bending_vjp, blurred_normal, evenness, gloss, unit_normal, unit_normal_vjp},
 };
 
-/// Weight of a loss over the number of values that it is a mean of.
+/// Weight of a loss divided by the number of values of its mean.
 fn share(name: &str) -> [Field; 1] {
     [variable(&format!("settings.{name}"), 1)]
 }
@@ -24,7 +24,8 @@ fn share(name: &str) -> [Field; 1] {
 /// Rendered and true colour, both over the background ([`mod@specula_core::color`]).
 #[derive(Clone, Copy, Debug)]
 pub struct ComparedColors {
-    /// Whether the rendered one is as a picture records it ([`specula_core::loss::recorded`]).
+    /// True if the rendered colour is clamped like a recorded one
+    /// ([`specula_core::loss::recorded`]).
     pub saturates: bool,
 }
 
@@ -147,7 +148,7 @@ formula!(Structure, |_, inputs| structure_of(means: 4, ..share("structure")) -> 
 /// Gradient of a colour through all windows around it ([`specula_core::loss::ssim_pixel_vjp`]).
 #[derive(Clone, Copy, Debug)]
 pub struct StructureGrad {
-    /// Whether the colours are as a picture records them ([`specula_core::loss::recorded_vjp`]).
+    /// True if the colours are clamped like recorded ones ([`specula_core::loss::recorded_vjp`]).
     pub saturates: bool,
 }
 
@@ -262,7 +263,7 @@ formula!(Evenness, |_, inputs| evenness(
     [evenness(&row, &column, view_dir)]
 });
 
-/// Weight of a pixel by how much it mirrors ([`specula_core::smoothness::gloss`]).
+/// Weight of a pixel by its gloss ([`specula_core::smoothness::gloss`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Gloss;
 

@@ -1,6 +1,6 @@
 // Declarations: settings, images and tiles of the loss kernels, and the sum over a workgroup.
 
-// Weights of the losses over the numbers of values that they are means of.
+// Weights of the losses divided by the numbers of values of their means.
 struct LossSettings {
     background: vec3f,
     absolute: f32,
@@ -60,7 +60,7 @@ fn transmittance_at(index: u32) -> f32 {
     return blended[CHANNELS * pixel_count() + index];
 }
 
-// Tests whether a pixel lies in the image and its target is not masked.
+// Tests whether a pixel is in the image and its target is not masked.
 fn is_known(pixel: vec2u) -> bool {
     if !is_inside(pixel) {
         return false;

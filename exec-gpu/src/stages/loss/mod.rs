@@ -76,7 +76,7 @@ pub(crate) struct LossVariant {
 /// Sums over the pixels of a tile: L1 and L2 losses of colour, coverage loss, normal loss,
 /// smoothness.
 const PIXEL_SUMS: usize = 5;
-/// Place of the smoothness among them.
+/// Index of the smoothness among them.
 const SMOOTHNESS_SUM: usize = 4;
 /// Planes of numbers of the smoothness: unit normals, blurred normals, weights.
 const SMOOTHNESS_PLANES: usize = 7;
@@ -105,8 +105,8 @@ impl LossVariant {
     }
 }
 
-/// Appends the windows of SSIM over means of type `mean`; the kernel has the formulas `means_down`
-/// and [`means_across`], and the function `tap_at`.
+/// Appends the windows of SSIM over means of type `mean`; the kernel must have the formulas
+/// `means_down` and [`means_across`], and the function `tap_at`.
 fn windows(source: Source, mean: &str) -> Source {
     source.with(&format!("alias Means = {mean};")).count("SSIM_WINDOW", SSIM_WINDOW).with(include_str!("windows.wgsl"))
 }
@@ -157,7 +157,7 @@ pub(crate) fn normal_source(variant: &LossVariant, form: NormalForm) -> String {
         .text()
 }
 
-/// Kernels of the smoothness of normals; pixels have gloss where light was added pixel by pixel.
+/// Kernels of the smoothness of normals; pixels have gloss if light was added per pixel.
 pub(crate) fn smoothness_source(variant: &LossVariant, has_gloss: bool) -> String {
     let [near, far] = REACHES;
     variant

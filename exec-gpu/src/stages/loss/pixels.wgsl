@@ -44,7 +44,7 @@ fn residual_grad(transmittance: f32) -> f32 {
 }
 
 // Gradient of a pixel's colour.
-fn color_grad(pixel: vec2u, c: u32, transmittance: f32, texel: u32, of_windows: vec3f) -> f32 {
+fn color_grad(pixel: vec2u, c: u32, transmittance: f32, texel: u32, grad_windows: vec3f) -> f32 {
     if !is_known(pixel) {
         return 0.0;
     }
@@ -52,7 +52,7 @@ fn color_grad(pixel: vec2u, c: u32, transmittance: f32, texel: u32, of_windows: 
     let pair = compared_colors(color, transmittance, byte_of(texel, c), byte_of(texel, 3u), settings.background[c]);
     let loss = color_loss(pair);
     pixel_sums += vec3f(loss.absolute, loss.squared, 0.0);
-    return loss.grad + structure_grad(pair, of_windows);
+    return loss.grad + structure_grad(pair, grad_windows);
 }
 
 fn store_grad(plane: u32, pixel: vec2u, grad: f32) {
@@ -85,7 +85,7 @@ fn compare_pixels(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_
     );
     let texel = vec4u(texel_at(a), texel_at(b), texel_at(c), texel_at(d));
     pixel_sums = vec3f(0.0);
-    var of_transmittance = vec4f(
+    var grad_transmittance = vec4f(
         coverage_grad(transmittance.x, texel.x),
         coverage_grad(transmittance.y, texel.y),
         coverage_grad(transmittance.z, texel.z),
@@ -111,24 +111,24 @@ fn compare_pixels(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_
             store_grads(color, a, grad);
         }
         let background = settings.background[color];
-        of_transmittance = vec4f(
-            with_background(background, grad.x, of_transmittance.x),
-            with_background(background, grad.y, of_transmittance.y),
-            with_background(background, grad.z, of_transmittance.z),
-            with_background(background, grad.w, of_transmittance.w),
+        grad_transmittance = vec4f(
+            with_background(background, grad.x, grad_transmittance.x),
+            with_background(background, grad.y, grad_transmittance.y),
+            with_background(background, grad.z, grad_transmittance.z),
+            with_background(background, grad.w, grad_transmittance.w),
         );
     }
     if HAS_RESIDUAL && is_rendered {
-        let of_residual = vec4f(
+        let grad_residual = vec4f(
             residual_grad(transmittance.x),
             residual_grad(transmittance.y),
             residual_grad(transmittance.z),
             residual_grad(transmittance.w),
         );
-        store_grads(RESIDUAL_CHANNEL, a, of_residual);
+        store_grads(RESIDUAL_CHANNEL, a, grad_residual);
     }
     if is_rendered {
-        store_grads(CHANNELS, a, of_transmittance);
+        store_grads(CHANNELS, a, grad_transmittance);
     }
 
     let sum = sum_of_group(local, pixel_sums);

@@ -1,12 +1,11 @@
 // Smoothness of rendered normals between creases, and its gradient (stage `loss`).
 //
-// Threads: one workgroup a tile, one invocation a pixel.
-// Memory: unit normals of the tile and its border, in workgroup memory, where they are blurred.
-// Inputs: blended surfaces and their colours, before exposure; marks of the tiles; camera.
-// Outputs: unit normals, blurred normals and weights; gradients of normals; sum of the loss over
-// each tile.
-// Variants: with or without gloss, which needs light per pixel.
-// Early exit: tiles without a visible splat have no loss, but blurred normals beside others.
+// Threads: one workgroup a tile, one invocation a pixel. Memory: unit normals of the tile and its
+// border, in workgroup memory, where they are blurred. Inputs: blended surfaces and their colours,
+// before exposure; marks of the tiles; camera. Outputs: unit normals, blurred normals and weights;
+// gradients of normals; sum of the loss over each tile. Variants: with or without gloss, which
+// needs light per pixel. Early exit: tiles without a visible splat have no loss, but blurred
+// normals next to others.
 
 @group(0) @binding(4) var<storage, read> marks: array<u32>;
 // Planes of the picture: three of unit normals, three of blurred normals, weights.
@@ -149,7 +148,7 @@ fn slope_at(pixel: vec2u, step: vec2u) -> vec3f {
     return bending_vjp(before, normal_at(UNITS, pixel), after, vec2f(pixel) + 0.5, weight);
 }
 
-// Gradient of a unit normal, of the lines along a step that end there or have it in their middle.
+// Gradient of a unit normal, of the lines along a step with this pixel at an end or in the middle.
 fn grad_along(pixel: vec2u, step: vec2u) -> vec3f {
     return slope_at(pixel - step, step) - 2.0 * slope_at(pixel, step) + slope_at(pixel + step, step);
 }

@@ -82,7 +82,7 @@ struct Rates<'a> {
     rates: &'a [f32],
     /// Number of the step, from 1.
     step: u32,
-    /// Upper bound of values that are clamped to [0, `value_max`]; `None` for values that are not.
+    /// Upper bound of values that are clamped to [0, `value_max`]; `None` for no clamping.
     value_max: Option<f32>,
 }
 

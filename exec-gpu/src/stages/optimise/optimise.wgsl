@@ -1,16 +1,15 @@
 // Adam's step (stage `optimise`).
 //
-// Threads: one invocation a number.
-// Inputs: learning rate of each plane, gradients, the step counters.
-// Outputs: values and their Adam moments, in place; count of gradients that are not finite.
-// Early exit: nothing changes where the step exceeded the capacity, or in planes at rest.
+// Threads: one invocation a number. Inputs: learning rate of each plane, gradients, the step
+// counters. Outputs: values and their Adam moments, in place; count of gradients that are not
+// finite. Early exit: nothing changes if the step exceeded the capacity, or in planes at rest.
 
 struct StepSize {
     count: u32,
     // Planes of a block; a rate for each.
     planes: u32,
     epsilon: f32,
-    // Whether values stay between zero and `value_max`.
+    // True if values are clamped between zero and `value_max`.
     is_limited: u32,
     value_max: f32,
 }

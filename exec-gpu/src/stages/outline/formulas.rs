@@ -23,7 +23,7 @@ fn take_outline<R: Real>(inputs: &mut Inputs<'_, R>) -> Outline<R> {
     }
 }
 
-/// Outline of a splat in the form that compositing reads ([`specula_core::bin::outline`]).
+/// Outline of a splat in the form for compositing ([`specula_core::bin::outline`]).
 #[derive(Clone, Copy, Debug)]
 pub struct OutlineOf;
 

@@ -52,14 +52,14 @@ pub struct Light {
     pub(crate) layout: LightLayout,
     /// Texels of all levels with their aprons, level after level.
     pub(crate) texels: Array,
-    /// Split-sum table of the authors' shading; one entry in other schemes, where physical
-    /// materials have [`LightSource::split_sum`].
+    /// Split-sum table of the authors' shading; one entry in other schemes, in which physical
+    /// materials use [`LightSource::split_sum`].
     pub(crate) split_sum: Array,
     /// Source of its texels.
     pub(crate) source: LightSource,
     /// Surface of the scene that reflected rays may hit.
     pub(crate) near_field: Option<Arc<NearField<Array>>>,
-    /// Lamps in addition to the far light.
+    /// Lamps in addition to the distant light.
     pub(crate) lamps: Option<Arc<Lamps>>,
 }
 
@@ -120,8 +120,8 @@ impl LightSource {
 pub(crate) struct Matrices {
     /// Reductions from each level of the pyramid to the next.
     pub(crate) reductions: Vec<Matrix>,
-    /// Rows of the filter; `None` if there are too many weights to keep, which are then computed at
-    /// each use.
+    /// Rows of the filter; `None` if there are too many weights to store, which are then computed
+    /// at each use.
     pub(crate) rows: Option<Matrix>,
     pub(crate) aprons: Matrix,
 }
@@ -138,11 +138,11 @@ impl Matrices {
     }
 }
 
-/// Weights that are on the device at once, where not all are kept.
+/// Weights on the device at a time, if not all are stored.
 const WEIGHTS_AT_ONCE: usize = 1 << 22;
 
-/// Applies rows that are not kept, part by part: `apply` gets the index of each part's first row,
-/// and the part. Blocks after each part, so that one is on the device at a time.
+/// Applies rows that are not stored, part by part: `apply` receives the index of each part's first
+/// row, and the part. Blocks after each part, so that one is on the device at a time.
 pub(crate) fn apply_parts(
     context: &mut Context,
     operator: &Operator,
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_that_are_not_kept_filter_as_those_that_are() {
+    fn stored_and_recomputed_rows_filter_equally() {
         let Some(mut context) = Context::for_tests() else { return };
         let key = (PrefilterScheme::Official, 64, LevelRange::ALL);
         let kept = Weights::new(&mut context, key).expect("weights fit");
@@ -277,8 +277,8 @@ mod tests {
         assert!(kept.forward.rows.is_some() && forgotten.forward.rows.is_none(), "both ways are taken");
         let [light, grad] = there_and_back(&mut context, &kept);
         let [same_light, same_grad] = there_and_back(&mut context, &forgotten);
-        assert!(light == same_light, "a row is the same sum in whatever part it lies");
-        // Sums over all rows are those of the parts.
+        assert!(light == same_light, "the sum of a row does not depend on its part");
+        // Sums over all rows are the sums of the parts.
         let largest = grad.iter().fold(0.0, |most: f32, x| most.max(x.abs()));
         let apart = grad.iter().zip(&same_grad).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(largest > 0.0 && apart <= 1e-6 * largest, "{apart:e} of {largest:e} apart");

@@ -15,8 +15,8 @@ use specula_core::{
     splat::Splat2d,
 };
 
-/// Splat of a Gaussian ([`mod@specula_core::project`], [`specula_core::bin`]), in the form that
-/// compositing reads.
+/// Splat of a Gaussian ([`mod@specula_core::project`], [`specula_core::bin`]), in the form for
+/// compositing.
 #[derive(Clone, Copy, Debug)]
 pub struct SplatOf {
     /// Planes of the Gaussian.

@@ -29,7 +29,7 @@ use specula_core::{
 
 pub mod formulas;
 
-/// Depth key of a Gaussian that is not drawn: behind every depth.
+/// Depth key of a Gaussian that is not drawn: after every depth.
 const NOT_DRAWN: u32 = u32::MAX;
 
 /// Numbers of a splat in memory.
@@ -39,11 +39,11 @@ const SPLAT_LEN: usize = 12;
 #[derive(Debug)]
 pub struct Splats {
     pub(crate) count: usize,
-    /// Gaussians in each chunk of the array that they were projected from.
+    /// Gaussians in each chunk of their array.
     pub(crate) chunk_len: usize,
     /// `Splat` of `splat.wgsl`, one for each Gaussian.
     pub(crate) splats: Array,
-    /// Bits of the depths, which sort as depths do; [`NOT_DRAWN`] for Gaussians that are not drawn.
+    /// Bits of the depths, which sort like depths; [`NOT_DRAWN`] for Gaussians that are not drawn.
     pub(crate) depth_keys: Array,
     /// Number of tiles that each splat touches.
     pub(crate) tile_counts: Array,
@@ -68,7 +68,7 @@ pub(crate) fn source(layout: Layout, storage: Storage) -> String {
         .text()
 }
 
-/// Projects all Gaussians, with what the order of their splats needs.
+/// Projects all Gaussians, with the inputs of the order of their splats.
 ///
 /// # Errors
 ///

@@ -30,6 +30,6 @@ fn project(
     splats[index] = splat;
     let count = select(0u, count_tiles(splat), s.reach >= 0.0);
     tile_counts[index] = count;
-    // Bits of positive depths sort as depths do; Gaussians that are not drawn come last.
+    // Bits of positive depths sort like depths; Gaussians that are not drawn come last.
     depth_keys[index] = select(NOT_DRAWN, bitcast<u32>(s.depth), count > 0u);
 }

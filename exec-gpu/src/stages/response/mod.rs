@@ -1,4 +1,4 @@
-//! Depths of the largest responses of Gaussians, for orders in which tiles are not sorted.
+//! Depths of the largest responses of Gaussians, for orders other than those of tiles.
 
 use crate::{
     codegen::source::Source,

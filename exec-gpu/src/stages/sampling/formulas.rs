@@ -1,4 +1,4 @@
-//! Sampling intervals of views, and filters in space.
+//! Sampling intervals of views, and 3D filters.
 
 use crate::{
     codegen::formula::formula,

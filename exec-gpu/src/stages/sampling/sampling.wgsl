@@ -1,4 +1,4 @@
-// Filters in space from the sampling intervals of views (stage `sampling`).
+// 3D filters from the sampling intervals of views (stage `sampling`).
 //
 // Threads: one invocation a Gaussian of the chunk, which reads all views in their order.
 // Inputs: views, means of the Gaussians.

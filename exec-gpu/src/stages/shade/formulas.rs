@@ -33,7 +33,7 @@ fn surface_channels<R: Real>(
     blended(shading, &channels, shaded.is_finite())
 }
 
-/// Channels of a Gaussian that looks up no light ([`specula_core::attributes`]): plain, unlit, or
+/// Channels of a Gaussian without a light lookup ([`specula_core::attributes`]): plain, unlit, or
 /// with deferred shading.
 #[derive(Clone, Copy, Debug)]
 pub struct ColorsOf(pub GaussianShading);

@@ -1,4 +1,4 @@
-//! Shading of Gaussians: their channels, under the light that each looks up.
+//! Shading of Gaussians: their channels, under looked-up light.
 
 use crate::{
     codegen::{formula::type_of, source::Source},
@@ -84,7 +84,7 @@ pub struct Colors {
     pub(crate) values: Array,
 }
 
-/// Shades all Gaussians that are drawn; marks those with a non-finite attribute as not drawn.
+/// Shades all drawn Gaussians; marks those with a non-finite attribute as not drawn.
 ///
 /// # Errors
 ///

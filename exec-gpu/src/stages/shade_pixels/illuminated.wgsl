@@ -16,6 +16,6 @@ fn lit_pixel(surface: SurfaceOfPixel, point: vec2f, light: vec3f) -> LitPixel {
 }
 
 fn irradiance_of_pixel(coverage: f32, point: vec2f) -> vec3f {
-    let of_sky = radiance_in_level(facing_of_pixel(point).normal, IRRADIANCE_LEVEL) * blended(AMBIENT_CHANNEL);
-    return of_sky + vec3f(direct_number(0u), direct_number(1u), direct_number(2u)) * coverage;
+    let sky = radiance_in_level(facing_of_pixel(point).normal, IRRADIANCE_LEVEL) * blended(AMBIENT_CHANNEL);
+    return sky + vec3f(direct_number(0u), direct_number(1u), direct_number(2u)) * coverage;
 }

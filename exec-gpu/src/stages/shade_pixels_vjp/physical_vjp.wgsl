@@ -5,7 +5,7 @@ fn lit_pixel_vjp(surface: SurfaceOfPixel, point: vec2f, light: vec3f, grad: vec3
     let facing = facing_of_pixel(point);
     let irradiance = radiance_in_level(facing.normal, IRRADIANCE_LEVEL);
     let split_sum = split_sum(facing.n_dot_v, surface.roughness);
-    let of_color = physical_color_of_pixel_vjp(
+    let grad_color = physical_color_of_pixel_vjp(
         surface.base,
         surface.tint,
         light,
@@ -14,9 +14,9 @@ fn lit_pixel_vjp(surface: SurfaceOfPixel, point: vec2f, light: vec3f, grad: vec3
         surface.coverage,
         grad,
     );
-    let of_normal = irradiance_vjp(facing.normal, of_color.irradiance);
-    let of_table = split_sum_vjp(facing.n_dot_v, surface.roughness, of_color.split_sum);
-    let normal = facing_of_pixel_vjp(point, of_normal, of_table.x);
-    let light_grad = of_color.specular_light;
-    return LitPixelGrad(of_color.base, of_color.tint, light_grad, of_color.coverage, normal, of_table.y);
+    let grad_normal = irradiance_vjp(facing.normal, grad_color.irradiance);
+    let grad_table = split_sum_vjp(facing.n_dot_v, surface.roughness, grad_color.split_sum);
+    let normal = facing_of_pixel_vjp(point, grad_normal, grad_table.x);
+    let light_grad = grad_color.specular_light;
+    return LitPixelGrad(grad_color.base, grad_color.tint, light_grad, grad_color.coverage, normal, grad_table.y);
 }

@@ -13,8 +13,8 @@ struct ReflectedLookup {
 fn look_up_reflected(direction: vec3f, roughness: f32) -> ReflectedLookup {
     let own = look_up(direction, roughness);
     let second = lookup_of_reflection();
-    let of_near = look_up(second.direction, second.roughness);
-    return ReflectedLookup(own, of_near, light_of_reflection(own.radiance, of_near.radiance));
+    let near = look_up(second.direction, second.roughness);
+    return ReflectedLookup(own, near, light_of_reflection(own.radiance, near.radiance));
 }
 
 fn look_up_reflected_vjp(reflected: ReflectedLookup, direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {

@@ -66,19 +66,19 @@ fn shade_pixels_vjp(
     let surface = surface_of_pixel(point);
     let lookup = look_up(surface.reflection_dir, surface.roughness);
     let grad = grad_of(COLOR_CHANNEL);
-    let of_color = lit_pixel_vjp(surface, point, lookup.radiance, grad);
-    let of_light = look_up_vjp(lookup, surface.reflection_dir, surface.roughness, of_color.light);
-    let of_roughness = of_light.w + of_color.roughness;
-    let of_surface = surface_of_pixel_vjp(point, of_color.base, of_color.tint, of_roughness, of_light.xyz);
-    store_grad(COLOR_CHANNEL, of_surface.base);
+    let grad_color = lit_pixel_vjp(surface, point, lookup.radiance, grad);
+    let grad_light = look_up_vjp(lookup, surface.reflection_dir, surface.roughness, grad_color.light);
+    let grad_roughness = grad_light.w + grad_color.roughness;
+    let grad_surface = surface_of_pixel_vjp(point, grad_color.base, grad_color.tint, grad_roughness, grad_light.xyz);
+    store_grad(COLOR_CHANNEL, grad_surface.base);
     if HAS_NORMAL {
-        store_grad(NORMAL_CHANNEL, grad_of(NORMAL_CHANNEL) + of_surface.normal + of_color.normal);
+        store_grad(NORMAL_CHANNEL, grad_of(NORMAL_CHANNEL) + grad_surface.normal + grad_color.normal);
     }
     if HAS_TINT {
-        store_grad(TINT_CHANNEL, grad_of(TINT_CHANNEL) + of_surface.tint);
+        store_grad(TINT_CHANNEL, grad_of(TINT_CHANNEL) + grad_surface.tint);
     }
     if HAS_ROUGHNESS {
-        grads[ROUGHNESS_CHANNEL * size + pixel] += of_surface.roughness;
+        grads[ROUGHNESS_CHANNEL * size + pixel] += grad_surface.roughness;
     }
-    grads[TRANSMITTANCE * size + pixel] -= of_surface.coverage + of_color.coverage;
+    grads[TRANSMITTANCE * size + pixel] -= grad_surface.coverage + grad_color.coverage;
 }

@@ -1,11 +1,11 @@
 //! Exclusive prefix sums and stable radix sort.
 //!
-//! The sort is stable: eight bits a pass on hardware, where the invocations of a workgroup rank
-//! their digits together, and four on a software driver, with ranks from each invocation's own
-//! counters. Gaussians are sorted by depth and then by tile, so equal depths keep the order of the
-//! Gaussians and pictures are reproducible to the last bit. Bits that all depths share are skipped,
-//! and tiles have as many bits as their number needs. One sort by both in a key would move the
-//! pairs, of which there are several for each Gaussian, by the bits of depth too.
+//! The sort is stable: eight bits per pass on hardware, with digits ranked by the whole workgroup,
+//! and four on a software driver, with ranks from each invocation's own counters. Gaussians are
+//! sorted by depth and then by tile, so equal depths keep the order of the Gaussians and pictures
+//! are reproducible to the last bit. Bits that all depths share are skipped, and tile keys have
+//! only the required bits. One sort by a combined key would also move the pairs, several for each
+//! Gaussian, by the bits of depth.
 
 use crate::{
     codegen::source::{Source, WORKGROUP_SIZE},
@@ -179,10 +179,10 @@ mod tests {
     }
 
     #[test]
-    fn a_scan_gives_exclusive_prefix_sums() {
+    fn a_scan_returns_exclusive_prefix_sums() {
         let Some(mut context) = Context::for_tests() else { return };
         for len in [0, 1, 255, SCAN_BLOCK, SCAN_BLOCK + 1, 300_000, SCAN_BLOCK * SCAN_BLOCK + 1] {
-            // Few bits, so that the sum of all still fits into a word.
+            // Few bits, so the total fits into a word.
             let numbers = random_numbers(len, 7);
             let array = context.upload("numbers", &numbers).expect("numbers fit");
             scan(&mut context, &array, len).expect("the device adds");
@@ -217,7 +217,7 @@ mod tests {
                     sorts_as_the_host(&mut context, &vec![(1 << (bits - 1)) - 1; len], bits);
                 }
             }
-            // Bits above those that are sorted by change nothing but are moved along.
+            // Bits above the sorted ones are moved along without effect.
             let keys: Vec<u32> = random_numbers(5000, 32);
             sorts_as_the_host(&mut context, &keys, 9);
         }

@@ -1,4 +1,4 @@
-// Exclusive prefix sums: block by block, then the sums of the blocks before are added.
+// Exclusive prefix sums: block by block, then the sums of the previous blocks are added.
 //
 // Threads: one workgroup a block of SCAN_BLOCK numbers, one invocation PER_THREAD of them.
 // Memory: sums of invocations and of segments of SEGMENT invocations in workgroup memory.
@@ -57,7 +57,7 @@ fn scan_blocks(
     }
 }
 
-// Adds to every number of a block the sum of the blocks before.
+// Adds to every number of a block the sum of the previous blocks.
 @compute @workgroup_size(GROUP)
 fn add_block_sums(
     @builtin(workgroup_id) group: vec3u,

@@ -1,9 +1,9 @@
 //! Counters that kernels update during a training step, read back once at its end.
 //!
 //! The number of tile-splat pairs of an image is known only after projection, and a training step
-//! does not wait for it: it allocates what former steps needed, and a quarter more. Kernels count
-//! what they need. Where that exceeds the capacity, tiles stay empty, and kernels that would update
-//! the scene leave it unchanged.
+//! does not wait for it: it allocates the need of previous steps plus a quarter. Kernels count
+//! their need. If it exceeds the capacity, tiles stay empty, and kernels that update the scene
+//! leave it unchanged.
 
 use crate::{
     codegen::source::Source,
@@ -20,7 +20,7 @@ const IMAGE_START: [u32; 5] = [u32::MAX, 0, 0, 0, 0];
 pub(crate) struct Capacity {
     /// Pairs of a tile and a splat.
     pub(crate) pairs: usize,
-    /// Bits of a depth key, from which keys of Gaussians that are not drawn differ too.
+    /// Bits of a depth key, including that of Gaussians that are not drawn.
     pub(crate) depth_bits: u32,
 }
 
@@ -111,14 +111,14 @@ impl StepCounts {
                 limit: gpu.binding_max(),
             });
         }
-        // One key more, for Gaussians that are not drawn.
+        // One additional key, for Gaussians that are not drawn.
         let keys = self.furthest.saturating_sub(self.nearest) + 1;
         Ok(Capacity { pairs: self.pairs as usize, depth_bits: u32::BITS - keys.leading_zeros() })
     }
 }
 
 impl Capacity {
-    /// Capacity of the next step: a quarter more than this one needed, or the former capacity,
+    /// Capacity of the next step: the need of this one plus a quarter, or the previous capacity,
     /// which decays slowly.
     pub(crate) fn grown(self, former: Option<Self>, gpu: &Gpu) -> Self {
         let most = (gpu.binding_max() / 4) as usize;

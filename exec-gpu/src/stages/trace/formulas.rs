@@ -21,8 +21,8 @@ use specula_core::{
 pub(crate) const REFLECTION_LEN: usize = Reflection::<f32>::LEN;
 
 /// Reflected ray of a pixel ([`specula_core::near_field::ray_origin`]), from its blended channels,
-/// and the roughness of its surface. `is_traced` is 1 where the ray is traced
-/// ([`specula_core::near_field::is_traced`]) and is finite, else 0.
+/// and the roughness of its surface. `is_traced` is 1 if the ray is traced
+/// ([`specula_core::near_field::is_traced`]) and finite, else 0.
 #[derive(Clone, Copy, Debug)]
 pub struct RayOfPixel(pub SurfaceOfPixel);
 

@@ -31,7 +31,7 @@ use std::sync::Arc;
 
 pub mod formulas;
 
-/// Numbers of a vector, in which the numbers of a near field are read.
+/// Numbers of a vector in which a near field is read.
 const VECTOR: usize = 4;
 const _: () = assert!(NODE_LEN == 2 * VECTOR, "a kernel reads a node as two vectors");
 

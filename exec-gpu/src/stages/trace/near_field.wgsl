@@ -31,7 +31,7 @@ fn position(vertex: u32) -> vec3f {
 }
 
 // Tests in the order of `NearField::first_hit`; for any hit, as `NearField::is_blocked`, which ends
-// with the first one found and also hits backs. Without a hit the distance is `reach`.
+// with the first hit and also hits backs. Without a hit the distance is `reach`.
 fn hit_within(origin: vec3f, direction: vec3f, reach: f32, any_is_enough: bool) -> Hit {
     let inverse = inverse_direction(direction);
     let back_depth = select(CULL_BACKFACES, BACK_DEPTH * near_field.offset, any_is_enough);

@@ -1,17 +1,17 @@
-// The renderer in the page itself, in the place of the HTTP server: the same requests, answered by
+// Renderer in the page itself instead of the HTTP server: the same requests, answered by
 // WebAssembly on WebGPU.
 
 import { bytesOf } from "./text.js";
 
 /** Sentence of a browser that cannot show the scene in motion. */
 const NO_WEBGPU =
-  "This browser has no WebGPU, so the scene stands still. Chrome and Edge 113, Safari 26 and Firefox 141, or later ones, show it in motion.";
+  "This browser has no WebGPU, so the scene is a still picture. Use Chrome or Edge 113, Safari 26, Firefox 141, or later versions.";
 
 /** Elements that hold renderer and scene; they leave the page, whose text then takes no memory. */
 const packed = Object.fromEntries(["renderer", "scene"].map((id) => [id, document.getElementById(id)]));
 Object.values(packed).forEach((element) => element.remove());
 
-const damaged = () => new Error("the page is damaged or cut short; export it once more");
+const damaged = () => new Error("the page is damaged or cut short; export it again");
 
 /** Contents of a packed element, or of the file that it names, which `given` replaces. */
 async function contents(id, given = null) {
@@ -20,9 +20,9 @@ async function contents(id, given = null) {
   if (!dataset.source) return inflated(bytesOf(textContent, Number(dataset.bytes)));
   const source = given ?? dataset.source;
   const response = await fetch(source).catch(() => null);
-  if (!response?.ok) throw new Error(`${source} cannot be loaded; it belongs beside this page, on a web server`);
+  if (!response?.ok) throw new Error(`cannot load ${source}; put it next to this page, on a web server`);
   const bytes = new Uint8Array(await response.arrayBuffer());
-  // Servers may have decompressed it already, and other scenes are not compressed.
+  // The server may have decompressed it, and other scenes are not compressed.
   return bytes[0] === 0x1f && bytes[1] === 0x8b ? inflated(bytes) : bytes;
 }
 
@@ -53,7 +53,7 @@ export const server = {
     if (!navigator.gpu) throw new Error(NO_WEBGPU);
     await wasm_bindgen({ module_or_path: await contents("renderer") });
     const given = new URLSearchParams(location.search).get("scene");
-    if (given && !packed.scene.dataset.source) throw new Error(`a page in one file loads nothing; drop ${given} onto it`);
+    if (given && !packed.scene.dataset.source) throw new Error(`a page in one file cannot load files; drop ${given} onto it`);
     this.viewer = await wasm_bindgen.WebViewer.open(given?.split("/").pop() ?? "", await contents("scene", given));
   },
 

@@ -1,4 +1,4 @@
-// Bytes of the text that an element of a page holds: twenty bytes are 23 digits to the base 125.
+// Bytes of the text of a page's element: twenty bytes are 23 digits to the base 125.
 
 /** Letters of a block, and the words of 32 bits that they become. */
 const LETTERS = 23;
@@ -17,14 +17,14 @@ for (let letter = 1, digit = 0; letter < 128; letter++) {
 export function bytesOf(text, count) {
   const letters = new TextEncoder().encode(text);
   const blocks = Math.ceil(count / (4 * WORDS));
-  const refuse = () => new Error("the page is damaged or cut short; export it once more");
+  const refuse = () => new Error("the page is damaged or cut short; export it again");
   if (letters.length !== LETTERS * blocks) throw refuse();
   const bytes = new Uint8Array(4 * WORDS * blocks);
   const view = new DataView(bytes.buffer);
   let fault = 0;
   for (let block = 0, at = 0; block < blocks; block++) {
-    // Words of the number, the least first. Two digits, then seven groups of three: products stay
-    // below 2 to the 53rd, and a word is not touched before the number reaches it.
+    // Words of the number, the least significant first. Two digits, then seven groups of three:
+    // products stay below 2 to the 53rd, and a word is skipped until the number reaches it.
     let [a, b, c, d, e] = [DIGITS[letters[at++]], 0, 0, 0, 0];
     fault |= a;
     a *= BASE;
