@@ -11,10 +11,9 @@ use specula_accuracy::{
 use specula_core::{
     camera::Camera,
     cutoffs::BlendOrder,
-    lamps::Lamp,
     near_field::NearField,
     rules::{Channels, RenderRules},
-    scene::{Environment, Gaussians, Image},
+    scene::{Environment, Image},
 };
 use specula_scene::{
     RenderBackend, Scene, SceneError, SceneRenderer, ShadingModel, environment::fitting, lamps::SceneLamps,
@@ -152,15 +151,11 @@ impl RenderBackend for CertifiedScene {
         Err(SceneError::Immutable)
     }
 
-    fn set_lamps(&mut self, _: &[Lamp]) -> Result<(), SceneError> {
-        Err(SceneError::Immutable)
-    }
-
     fn add_lamps(&mut self, _: usize, _: &SceneLamps) -> Result<(), SceneError> {
         Err(SceneError::Immutable)
     }
 
-    fn set_surface(&mut self, _: &Gaussians<Vec<f32>>, _: Option<&NearField<Vec<f32>>>) -> Result<(), SceneError> {
+    fn set_scene(&mut self, _: &Scene) -> Result<(), SceneError> {
         Err(SceneError::Immutable)
     }
 }

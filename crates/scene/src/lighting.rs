@@ -84,7 +84,6 @@ impl Lighting {
     }
 
     /// Applies the lighting to a scene with an existing renderer, for instance after a turn.
-    /// Environment, lamps and [`Lighting::turn`] may have changed, but not whether there are lamps.
     ///
     /// # Errors
     ///
@@ -97,14 +96,9 @@ impl Lighting {
         options: &RenderOptions,
     ) -> Result<(), SceneError> {
         self.light(scene, up)?;
-        if let Some(lamps) = &scene.lamps {
-            renderer.set_lamps(&lamps.lamps)?;
-        }
         // The visibility-weighted light of materials depends on the environment.
         options.storage.round(&mut scene.gaussians);
-        renderer.set_surface(&scene.gaussians, scene.near_field())?;
-        let rules = *renderer.rules();
-        scene.light_for(&rules).map_or(Ok(()), |light| renderer.set_light(SceneRenderer::SCENE_LIGHT, &light, &rules))
+        renderer.set_scene(scene)
     }
 
     /// Backdrop with the ground, which catches the occluder's shadows under the light of `scene`;

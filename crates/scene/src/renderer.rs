@@ -12,7 +12,6 @@ use specula_core::{
     camera::Camera,
     cutoffs::Cutoffs,
     executor::{Occluder, Renderer},
-    lamps::Lamp,
     light_network::LightNetworkError,
     near_field::NearField,
     pack::Storage,
@@ -52,14 +51,6 @@ pub trait RenderBackend: Send {
     /// [`SceneError::Immutable`].
     fn set_light(&mut self, slot: usize, light: &Environment<Vec<f32>>, rules: &RenderRules) -> Result<(), SceneError>;
 
-    /// Replaces the lamps for lights that are set later, but not their number of rays or their
-    /// occluder; has no effect on a scene without lamps.
-    ///
-    /// # Errors
-    ///
-    /// [`SceneError::Immutable`] for backends that keep their light.
-    fn set_lamps(&mut self, lamps: &[Lamp]) -> Result<(), SceneError>;
-
     /// Adds lamps to the light of a slot, replacing earlier lamps; the light is not filtered again.
     /// Views without illuminating rules ignore lamps. If the executor rejects the lamps, the slot
     /// is empty.
@@ -70,16 +61,12 @@ pub trait RenderBackend: Send {
     /// [`SceneError::Immutable`].
     fn add_lamps(&mut self, slot: usize, lamps: &SceneLamps) -> Result<(), SceneError>;
 
-    /// Replaces Gaussians and near field; the latter applies to lights that are set later.
+    /// Replaces Gaussians, near field and lamps, and removes all lights.
     ///
     /// # Errors
     ///
     /// Those of the executor, such as arrays that are too large; or [`SceneError::Immutable`].
-    fn set_surface(
-        &mut self,
-        gaussians: &Gaussians<Vec<f32>>,
-        near_field: Option<&NearField<Vec<f32>>>,
-    ) -> Result<(), SceneError>;
+    fn set_scene(&mut self, scene: &Scene) -> Result<(), SceneError>;
 }
 
 impl fmt::Debug for dyn RenderBackend {
@@ -149,17 +136,24 @@ where
         storage: Storage,
     ) -> Result<Self, SceneError> {
         let gaussians = exec.upload_gaussians(gaussians).map_err(Into::into)?;
-        let mut occluders = Occluders { latest: None };
-        // The near field may also cast shadows.
-        let uploaded = occluders.get(&mut exec, near_field.as_ref()).map_err(Into::into)?;
-        let lamps = match lamps {
+        let occluders = Occluders { latest: None };
+        let lights = Vec::new();
+        let mut uploaded = Self { exec, gaussians, near_field: None, lamps: None, occluders, lights, store, storage };
+        uploaded.set_surface(near_field.as_ref(), lamps.as_ref()).map_err(Into::into)?;
+        Ok(uploaded)
+    }
+
+    /// Uploads the near field and the occluder of the lamps, which is often the same surface.
+    fn set_surface(&mut self, near_field: Option<&Arc<Surface>>, lamps: Option<&SceneLamps>) -> Result<(), E::Error> {
+        self.near_field = self.occluders.get(&mut self.exec, near_field)?;
+        self.lamps = match lamps {
             Some(lamps) => {
-                let occluder = occluders.get(&mut exec, lamps.occluder.as_ref()).map_err(Into::into)?;
+                let occluder = self.occluders.get(&mut self.exec, lamps.occluder.as_ref())?;
                 Some(UploadedLamps { lamps: lamps.clone(), occluder })
             }
             None => None,
         };
-        Ok(Self { exec, gaussians, near_field: uploaded, lamps, occluders, lights: Vec::new(), store, storage })
+        Ok(())
     }
 
     /// Scene on an executor with rounded storage.
@@ -227,13 +221,6 @@ where
         Ok(())
     }
 
-    fn set_lamps(&mut self, lamps: &[Lamp]) -> Result<(), SceneError> {
-        if let Some(known) = &mut self.lamps {
-            known.lamps.lamps = lamps.to_vec();
-        }
-        Ok(())
-    }
-
     fn add_lamps(&mut self, slot: usize, lamps: &SceneLamps) -> Result<(), SceneError> {
         let SceneLamps { lamps: all, rays, occluder } = lamps;
         specula_core::lamps::check(all, *rays).map_err(|error| SceneError::Executor(Box::new(error)))?;
@@ -247,16 +234,10 @@ where
         Ok(())
     }
 
-    fn set_surface(
-        &mut self,
-        gaussians: &Gaussians<Vec<f32>>,
-        near_field: Option<&NearField<Vec<f32>>>,
-    ) -> Result<(), SceneError> {
-        self.gaussians = self.exec.upload_gaussians(gaussians).map_err(Into::into)?;
-        let near_field = near_field.map(|near_field| upload_near_field(&mut self.exec, near_field));
-        self.near_field = near_field.transpose().map_err(Into::into)?;
-        self.occluders.latest = None;
-        Ok(())
+    fn set_scene(&mut self, scene: &Scene) -> Result<(), SceneError> {
+        self.gaussians = self.exec.upload_gaussians(&scene.gaussians).map_err(Into::into)?;
+        self.lights.clear();
+        self.set_surface(scene.near_field.as_ref(), scene.lamps.as_ref()).map_err(Into::into)
     }
 }
 
@@ -323,6 +304,9 @@ impl Scene {
 #[derive(Debug)]
 pub struct SceneRenderer {
     backend: Box<dyn RenderBackend>,
+    channels: Channels,
+    /// True if all stages run, needed or not.
+    is_unplanned: bool,
     rules: RenderRules,
 }
 
@@ -338,8 +322,7 @@ impl SceneRenderer {
     /// A device that cannot be opened ([`RenderOptions`]), or those of its executor.
     pub fn new(scene: Scene, channels: Channels, options: &RenderOptions) -> Result<Self, SceneError> {
         let scene = scene.rounded(options.storage);
-        let Plan { rules, .. } = scene.plan(channels);
-        Self::with_rules(&scene, rules, options)
+        Self::uploaded(&scene, channels, false, options)
     }
 
     /// Renderer of views with these channels and all stages: the reference for
@@ -350,8 +333,7 @@ impl SceneRenderer {
     /// Those of [`SceneRenderer::new`].
     pub fn unplanned(scene: Scene, channels: Channels, options: &RenderOptions) -> Result<Self, SceneError> {
         let scene = scene.rounded(options.storage);
-        let Plan { full, .. } = scene.plan(channels);
-        Self::with_rules(&scene, full, options)
+        Self::uploaded(&scene, channels, true, options)
     }
 
     /// Renderer of views with these channels, for lights that are set later: the scene's own is not
@@ -362,8 +344,7 @@ impl SceneRenderer {
     /// Those of [`SceneRenderer::new`].
     pub fn without_light(scene: Scene, channels: Channels, options: &RenderOptions) -> Result<Self, SceneError> {
         let scene = Scene { light: None, ..scene.rounded(options.storage) };
-        let Plan { rules, .. } = scene.plan(channels);
-        Self::with_rules(&scene, rules, options)
+        Self::uploaded(&scene, channels, false, options)
     }
 
     /// Renderer on the caller's executor.
@@ -379,32 +360,45 @@ impl SceneRenderer {
         E::NearField: Send,
         E::Error: Into<SceneError>,
     {
-        let Plan { rules, .. } = scene.plan(channels);
         let backend = Box::new(UploadedScene::new(exec, scene, |light, _| light, Storage::F32)?);
-        Self { backend, rules }.lit_by(scene.light_for(&rules))
+        Self::with_backend(backend, scene, channels).lit_by(scene)
     }
 
     /// Renderer on a backend with the Gaussians and the light of `scene`.
     pub fn with_backend(backend: Box<dyn RenderBackend>, scene: &Scene, channels: Channels) -> Self {
-        Self { backend, rules: scene.plan(channels).rules }
+        Self { backend, channels, is_unplanned: false, rules: scene.plan(channels).rules }
     }
 
     /// Renderer of a scene with rounded Gaussians.
-    fn with_rules(scene: &Scene, rules: RenderRules, options: &RenderOptions) -> Result<Self, SceneError> {
-        let light = scene.light_for(&rules);
-        if let Some(Environment { resolution: resolution @ RESOLUTION_SLOW.., .. }) = light {
+    fn uploaded(
+        scene: &Scene,
+        channels: Channels,
+        is_unplanned: bool,
+        options: &RenderOptions,
+    ) -> Result<Self, SceneError> {
+        if let Some(Environment { resolution: resolution @ RESOLUTION_SLOW.., .. }) = scene.light {
             tracing::info!("filtering a light of six times {resolution} × {resolution} texels; this takes a while");
         }
         let cutoffs = Cutoffs::DEFAULT.with_projection(options.projection).with_order(options.order);
         let backend = upload(options.open()?, scene, cutoffs, options.storage)?;
-        Self { backend, rules }.lit_by(light)
+        let mut renderer = Self { is_unplanned, ..Self::with_backend(backend, scene, channels) };
+        renderer.plan(scene);
+        renderer.lit_by(scene)
     }
 
-    fn lit_by(mut self, light: Option<Environment<Vec<f32>>>) -> Result<Self, SceneError> {
-        if let Some(light) = light {
-            self.backend.set_light(Self::SCENE_LIGHT, &light, &self.rules)?;
-        }
+    fn plan(&mut self, scene: &Scene) {
+        let Plan { rules, full, .. } = scene.plan(self.channels);
+        self.rules = if self.is_unplanned { full } else { rules };
+    }
+
+    fn lit_by(mut self, scene: &Scene) -> Result<Self, SceneError> {
+        self.set_light_of(scene)?;
         Ok(self)
+    }
+
+    fn set_light_of(&mut self, scene: &Scene) -> Result<(), SceneError> {
+        let light = scene.light_for(&self.rules);
+        light.map_or(Ok(()), |light| self.backend.set_light(Self::SCENE_LIGHT, &light, &self.rules))
     }
 
     /// View of the scene over a background in sRGB, with 8 bits a channel: the picture that
@@ -459,7 +453,7 @@ impl SceneRenderer {
         T: Send,
         E: From<SceneError> + Send,
     {
-        let Self { backend, rules } = self;
+        let Self { backend, rules, .. } = self;
         let render = |index: usize| {
             let View { camera, .. } = &views[index];
             Ok(backend.render(Self::SCENE_LIGHT, camera, &rules_to_measure(&views[index], rules))?)
@@ -482,16 +476,6 @@ impl SceneRenderer {
         self.backend.set_light(slot, light, rules)
     }
 
-    /// Replaces the lamps for lights that are set later, but not their number of rays or their
-    /// occluder; has no effect on a scene without lamps.
-    ///
-    /// # Errors
-    ///
-    /// [`SceneError::Immutable`] for backends that keep their light.
-    pub fn set_lamps(&mut self, lamps: &[Lamp]) -> Result<(), SceneError> {
-        self.backend.set_lamps(lamps)
-    }
-
     /// Adds lamps to the light of a slot, replacing earlier lamps; the light is not filtered again.
     /// Only illuminating rules show them
     /// ([`Plan::illuminated`](specula_core::plan::Plan::illuminated)).
@@ -504,22 +488,64 @@ impl SceneRenderer {
         self.backend.add_lamps(slot, lamps)
     }
 
-    /// Replaces the Gaussians by others, rounded to the storage of the renderer
-    /// ([`Scene::rounded`]), and the near field; lights must be set again.
+    /// Replaces the scene: its Gaussians, rounded to the storage of the renderer
+    /// ([`Scene::rounded`]), near field, lamps and light. Stages are planned for the new scene.
+    /// Lights of other slots are removed.
     ///
     /// # Errors
     ///
-    /// Those of the executor; [`SceneError::Immutable`] for backends that keep their Gaussians.
-    pub fn set_surface(
-        &mut self,
-        gaussians: &Gaussians<Vec<f32>>,
-        near_field: Option<&NearField<Vec<f32>>>,
-    ) -> Result<(), SceneError> {
-        self.backend.set_surface(gaussians, near_field)
+    /// Those of the executor; [`SceneError::Immutable`] for backends that keep their scene.
+    pub fn set_scene(&mut self, scene: &Scene) -> Result<(), SceneError> {
+        self.backend.set_scene(scene)?;
+        self.plan(scene);
+        self.set_light_of(scene)
     }
 
     /// Rules of its pictures, without stages that the scene does not need.
     pub fn rules(&self) -> &RenderRules {
         &self.rules
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{ExecutorChoice, ShadingModel};
+    use glam::Vec3;
+    use specula_core::scene::{
+        LOG_SCALE, Layout, MEAN, OPACITY, QUAT, ROUGHNESS, RadianceActivation, TINT, len_of_values,
+    };
+
+    /// A mirror that a scene without a light, without tint and without harmonics does not need.
+    fn scene(tint: f32, is_lit: bool) -> Scene {
+        let layout = Layout::shaded(Some(1));
+        let mut gaussians = Gaussians { count: 1, layout, values: vec![0.0; len_of_values(1, layout)] };
+        gaussians.set(0, MEAN, [0.0, 0.0, 0.0]);
+        gaussians.set(0, LOG_SCALE, [-1.0, -1.0, -4.0]);
+        gaussians.set(0, QUAT, [1.0, 0.0, 0.0, 0.0]);
+        gaussians.set(0, OPACITY, [4.0]);
+        gaussians.set(0, TINT, [tint; 3]);
+        gaussians.set(0, ROUGHNESS, [-2.0]);
+        gaussians.set(0, layout.sh_end() - 1, [if is_lit { 0.6 } else { 0.0 }]);
+        let values = (0..18 * 16 * 16).map(|k| 0.1 + 0.2 * (k % 7) as f32).collect();
+        let light = Environment { resolution: 16, activation: RadianceActivation::Identity, values };
+        let light = Some(light).filter(|_| is_lit);
+        Scene { gaussians, light, near_field: None, lamps: None, shading_model: ShadingModel::DEFERRED }
+    }
+
+    #[test]
+    fn another_scene_is_planned_as_a_new_renderer_plans_it() {
+        let options = RenderOptions::full_precision(ExecutorChoice::Cpu);
+        let camera = Camera::look_at(Vec3::new(0.0, -2.0, 1.0), Vec3::ZERO, Vec3::Z, 0.7, 32, 24);
+        let fresh = |scene: &Scene| SceneRenderer::new(scene.clone(), Channels::Color, &options).unwrap();
+        let [plain, shiny] = [scene(-60.0, false), scene(1.0, true)];
+        let [of_plain, of_shiny] = [&plain, &shiny].map(|scene| fresh(scene).render(&camera).unwrap());
+        assert!(of_plain != of_shiny, "the scenes differ");
+        let mut renderer = fresh(&plain);
+        for (scene, expected) in [(&shiny, &of_shiny), (&plain, &of_plain)] {
+            renderer.set_scene(scene).unwrap();
+            assert!(renderer.render(&camera).unwrap() == *expected);
+            assert_eq!(renderer.rules(), fresh(scene).rules());
+        }
     }
 }

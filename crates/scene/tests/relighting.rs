@@ -236,9 +236,7 @@ fn a_sun_casts_the_shadows_of_paths_and_lights_what_faces_away() {
     let mut renderer = again.renderer(CpuExecutor::new(), Channels::Color).unwrap();
     let [camera, ..] = cameras(SIZE);
     let first = renderer.render(&camera).unwrap();
-    let rules = *renderer.rules();
-    renderer.set_surface(&again.gaussians, again.near_field()).unwrap();
-    renderer.set_light(SceneRenderer::SCENE_LIGHT, &again.light_for(&rules).unwrap(), &rules).unwrap();
+    renderer.set_scene(&again).unwrap();
     assert!(renderer.render(&camera).unwrap() == first, "light is reflected around a surface that is set again");
     let suns = [Sun { direction: direction(30.0, 50.0, Vec3::Z), irradiance: DVec3::splat(3.0) }];
     let dark = |_| DVec3::ZERO;

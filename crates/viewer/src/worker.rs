@@ -156,10 +156,11 @@ impl RenderWorker {
     pub(crate) fn set_scene(&mut self, scene: Scene) -> Result<(), ViewerError> {
         let scene = scene.rounded(self.storage);
         self.needs = Needs::of(&scene.gaussians);
-        self.renderer.set_surface(&scene.gaussians, scene.near_field())?;
+        let (light, scene) = (scene.light.clone(), Scene { light: None, ..scene });
+        self.renderer.set_scene(&scene)?;
         self.has_surface = scene.near_field.is_some();
         self.shadow_surface = ShadowSurface::of(&scene);
-        self.lights.set_scene_light(scene.light);
+        self.lights.set_scene_light(light);
         self.filtered.clear();
         Ok(())
     }

@@ -36,19 +36,11 @@ impl RenderBackend for SharedScene {
         self.lock().set_light(slot, light, rules)
     }
 
-    fn set_lamps(&mut self, lamps: &[Lamp]) -> Result<(), SceneError> {
-        self.lock().set_lamps(lamps)
-    }
-
     fn add_lamps(&mut self, slot: usize, lamps: &SceneLamps) -> Result<(), SceneError> {
         self.lock().add_lamps(slot, lamps)
     }
 
-    fn set_surface(
-        &mut self,
-        gaussians: &Gaussians<Vec<f32>>,
-        near_field: Option<&NearField<Vec<f32>>>,
-    ) -> Result<(), SceneError> {
-        self.lock().set_surface(gaussians, near_field)
+    fn set_scene(&mut self, scene: &Scene) -> Result<(), SceneError> {
+        self.lock().set_scene(scene)
     }
 }
