@@ -1,4 +1,4 @@
-//! The colour of one Gaussian from two sides, with core alone: `c = γ(c_d + s ⊙ L_s + c_r)`.
+//! The colour of one Gaussian from two sides, with only core: `c = γ(c_d + s ⊙ L_s + c_r)`.
 //!
 //! Nothing here needs std or an allocator. An engine calls the same functions with its own light,
 //! and with `Lanes` of `specula-cpu` for sixteen Gaussians at once.

@@ -58,12 +58,12 @@ fn note(summary: &str, notes: &[String], orientation: Option<&Orientation>, widt
     note_width(width_max);
 }
 
-/// Prints the up direction of a data set, and the option that corrects it where it is uncertain.
+/// Prints the up direction of a data set, and the option that corrects it if it is uncertain.
 pub(crate) fn note_orientation(found: &Orientation) {
     tracing::info!("{}{}", orientation::description(found), correction(found));
 }
 
-/// Prints the up direction where it is a guess, and the option that corrects it.
+/// Prints the up direction if it is a guess, and the option that corrects it.
 pub(crate) fn note_guessed_up(found: &Orientation) {
     if found.up_source == UpSource::Nothing {
         note_orientation(found);

@@ -1,6 +1,6 @@
 //! Short programs that use specula as a library, in the folder above:
 //!
-//! * `shade`: the colour of one Gaussian, with core alone, which needs neither std nor an allocator
+//! * `shade`: the colour of one Gaussian, with only core, which needs neither std nor an allocator
 //! * `prefilter`: light in levels of roughness, with the numbers that a loader of an engine wants
 //! * `render`: a PLY of Gaussians to a picture
 //! * `texture`: a picture into a texture of another program's wgpu device

@@ -213,7 +213,7 @@ fn a_ply_has_the_layout_of_inria_and_the_shapes_and_normals_of_the_scene() {
 
 #[test]
 fn harmonics_of_three_colours_lie_colour_by_colour() {
-    // A light that is brighter above in red alone: of the harmonics of degree 1, z's of red must
+    // A light that is brighter above in red only: of the harmonics of degree 1, z's of red must
     // stand out.
     let ball = Ball::under(|[_, _, z]| [(0.5 + 0.4 * z) as f32, 0.2, 0.2]);
     let (path, _) = ball.export("ball.ply", &["--no-error"]);

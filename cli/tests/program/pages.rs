@@ -1,5 +1,5 @@
 //! The page of each command in docs/commands is what the command says of itself; `scripts/pages`
-//! writes them anew.
+//! writes them again.
 
 use assert_cmd::Command;
 use std::{env, fs, path::PathBuf};

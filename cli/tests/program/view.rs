@@ -157,7 +157,7 @@ fn a_light_is_behind_the_scene_where_that_is_asked_for() {
     let turned = ["&backdrop=env&turn=60", "&backdrop=env&turn=300"].map(|words| corner(&shown(words))[0]);
     assert!(turned.iter().any(|red| *red > 250), "it turns with the light: {turned:?}");
     assert!(turned.iter().any(|red| *red < 240), "to one side of it: {turned:?}");
-    assert_eq!(shown("&backdrop=env&layer=normal"), shown("&layer=normal"), "behind colours alone");
+    assert_eq!(shown("&backdrop=env&layer=normal"), shown("&layer=normal"), "behind colours only");
     assert_eq!(site.get(&format!("/frame?{POSE}&backdrop=x")).status, 400);
 }
 
@@ -183,7 +183,7 @@ fn suns_and_lamps_of_the_command_line_start_the_page() {
         "--env comes first"
     );
     let sunny = Site::of(&model, &["--quiet", "--sun", "30,45"]);
-    assert_eq!(sunny.get("/scene").json()["setup"]["light"], json!("none"), "suns alone shine, as with relight");
+    assert_eq!(sunny.get("/scene").json()["setup"]["light"], json!("none"), "only suns shine, as with relight");
     let shown = |words: &str| sunny.get(&format!("/frame?{POSE}{words}"));
     assert!(shown("&light=none&suns=30,45").picture() != shown("&light=none").picture());
     let many = ["0,45"; 9].join(";");

@@ -26,7 +26,7 @@ pub enum CertificateError {
     /// Shading of the authors' code, which has no exact pictures.
     #[error("no error can be guaranteed without exact pictures: the official shading is defined by code")]
     NoReference,
-    /// Rounding to `f32` by itself may exceed the error.
+    /// Rounding to `f32` may already exceed the error.
     #[error("an error of {asked} cannot be guaranteed, because rounding to f32 may cause {rounding:.1e}")]
     Rounding {
         /// Requested error.

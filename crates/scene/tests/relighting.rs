@@ -1,5 +1,5 @@
 //! Relit pictures of three known solids against path-traced ones: Gaussians cover the solids'
-//! surfaces, whose shapes and materials are exact, so that the errors are those of rendering alone.
+//! surfaces, whose shapes and materials are exact, so that the errors are only those of rendering.
 
 use core::f64::consts::PI;
 use glam::{DVec3, Quat, Vec3};

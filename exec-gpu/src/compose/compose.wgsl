@@ -1,8 +1,8 @@
 // Composition of a frame over a texture.
 //
 // Threads: one vertex a corner of a triangle that covers the viewport, one fragment a pixel.
-// Inputs: colours and blended planes of the frame. Outputs: premultiplied colour and alpha, linear
-// if the texture encodes sRGB.
+// Inputs: colours and blended planes of the frame.
+// Outputs: premultiplied colour and alpha, linear if the texture encodes sRGB.
 
 struct Picture {
     size: vec2u,

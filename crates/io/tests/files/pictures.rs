@@ -211,7 +211,7 @@ fn a_jpeg_of_many_scans_is_refused() {
     }
 }
 
-/// A profile of colours that unpacks to far more than its picture is left alone, and the picture is
+/// A profile of colours that unpacks to far more than its picture is not unpacked; the picture is
 /// read.
 #[test]
 fn profiles_are_not_unpacked_without_end() {

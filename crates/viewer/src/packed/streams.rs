@@ -239,7 +239,7 @@ mod tests {
         let one = there_and_back(|writer| writer.stepped(&[2.5, 2.5, f32::NAN], 0.1, true), 3);
         assert_eq!(one, [2.5; 3]);
         let far = there_and_back(|writer| writer.stepped(&[-1e9, 0.25, 1e9], 1e-6, true), 3);
-        assert!((far[1] - 0.25).abs() < 100.0, "steps are as many as can be counted");
+        assert!((far[1] - 0.25).abs() < 100.0, "the number of steps is limited");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Modules of the page as one script, for a page in one file.
 //!
-//! Imports and exports of the modules have one form each, on lines of their own: `import { a, b }
+//! Imports and exports of the modules have one form each, on separate lines: `import { a, b }
 //! from "./x.js";`, and `export` before a declaration. A module becomes a function that returns its
 //! exports.
 

@@ -90,7 +90,7 @@ export class Camera {
     if (this.history.length > HISTORY_MAX) this.history.shift();
   }
 
-  /** Returns to the last pose of the undo history; false where it is empty. */
+  /** Returns to the last pose of the undo history; false if it is empty. */
   undo() {
     const { eye, look, up, angle, view, distance } = this.history.pop() ?? {};
     if (eye === undefined) return false;

@@ -106,7 +106,7 @@ export class Lamps {
     return [azimuth, degrees(Math.asin(clamped(dot(unit(direction), up), -1, 1)))];
   }
 
-  /** Azimuth in which the camera looks; of its upper edge, where it looks up or down. */
+  /** Azimuth of the view direction; of the upper edge if the camera looks straight up or down. */
   get heading() {
     const { look, up } = this.camera;
     const vertical = this.server.scene.up;

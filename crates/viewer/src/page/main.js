@@ -20,7 +20,7 @@ const element = (id) => document.getElementById(id);
 const FOCUS_EDGE = 640;
 /** Shadow rays of a pixel to each lamp during movement; at rest the server's default holds. */
 const PREVIEW_RAYS = 4;
-/** Layers whose names say too little, as their buttons explain them. */
+/** Explanations, on their buttons, of layers with terse names. */
 const HINTS = {
   albedo: "colour of the material without light",
   metallic: "share of metal, white is a metal",
@@ -51,7 +51,7 @@ function pristine() {
   return copy.innerHTML;
 }
 
-/** Shows the scene that the server has in place of the last one. */
+/** Shows the scene that the server has instead of the last one. */
 async function restart() {
   life.renew();
   for (const name of Object.keys(initial)) delete initial[name];

@@ -1,6 +1,8 @@
 // Sum of gradients (stage `add`).
 //
-// Threads: one invocation a number. Inputs: number of elements, the terms. Outputs: sums, in place.
+// Threads: one invocation a number.
+// Inputs: number of elements, the terms.
+// Outputs: sums, in place.
 
 @group(0) @binding(0) var<uniform> count: u32;
 @group(0) @binding(1) var<storage, read> terms: array<f32>;

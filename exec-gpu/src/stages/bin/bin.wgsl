@@ -1,9 +1,9 @@
 // Emission of tile-splat pairs, front to back (stage `bin`).
 //
-// Threads: one invocation a Gaussian, by its rank in the order of depth. Inputs: splats, their
-// order and numbers of tiles; the step counters. Outputs: offsets of each Gaussian's pairs; tile,
-// emission index and Gaussian of each pair. Early exit: no pair is emitted if the capacity is
-// exceeded.
+// Threads: one invocation a Gaussian, by its rank in the order of depth.
+// Inputs: splats, their order and numbers of tiles; the step counters.
+// Outputs: offsets of each Gaussian's pairs; tile, emission index and Gaussian of each pair.
+// Early exit: no pair is emitted if the capacity is exceeded.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;

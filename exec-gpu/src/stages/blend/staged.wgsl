@@ -2,9 +2,9 @@
 //
 // Threads: one workgroup a tile, one invocation a block of BLOCK_WIDTH × BLOCK_HEIGHT pixels.
 // Memory: invocations load a batch of splats into workgroup memory, one each, and share it; an
-// invocation keeps the state and channels of its pixels in registers. Variants: size of the block,
-// number of channels. Early exit: once the transmittance of all pixels of the tile is below
-// TRANSMITTANCE_MIN.
+// invocation keeps the state and channels of its pixels in registers.
+// Variants: size of the block, number of channels.
+// Early exit: once the transmittance of all pixels of the tile is below TRANSMITTANCE_MIN.
 
 fn blend_staged(k: u32, point: vec2f) -> f32 {
     let splat = staged[k];

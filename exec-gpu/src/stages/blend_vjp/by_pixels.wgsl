@@ -3,8 +3,8 @@
 // Threads: one workgroup a tile, one invocation a block of BLOCK_WIDTH × BLOCK_HEIGHT pixels.
 // Memory: invocations store the sums over their pixels of SPLATS_AT_ONCE splats in workgroup
 // memory; their totals go to slots in storage, one for each tile-splat pair, at its emission index.
-// Variants: size of the block, number of channels. Early exit: once all pixels of the tile have
-// terminated, and after the batch of emissions.
+// Variants: size of the block, number of channels.
+// Early exit: once all pixels of the tile have terminated, and after the batch of emissions.
 
 @group(0) @binding(8) var<storage, read> ranges: array<vec2u>;
 @group(0) @binding(9) var<storage, read> frame: array<f32>;

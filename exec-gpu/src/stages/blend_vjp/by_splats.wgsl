@@ -4,12 +4,13 @@
 // Threads: one workgroup a segment, one invocation every SPLATS-th splat. Blocks of BLOCK_WIDTH ×
 // BLOCK_HEIGHT pixels pass from invocation to invocation: in step s, invocation k has block (s − k)
 // % BLOCKS. After its last block it continues with its next splat and the first blocks, so only the
-// first and the last steps have idle invocations. Memory: states of the pixels in workgroup memory,
-// with their gradients where these fit; sums of a splat in registers, then in its slot, at its
-// emission index. No sums over invocations are needed. The next splat is loaded during the replay
-// of one. Inputs: segments, and the states of the pixels in front of them. Variants: size of the
-// block, number of splats, number of channels. Early exit: once all pixels of the tile have
-// terminated, and after the batch of emissions.
+// first and the last steps have idle invocations.
+// Memory: states of the pixels in workgroup memory, with their gradients where these fit; sums of a
+// splat in registers, then in its slot, at its emission index. No sums over invocations are needed.
+// The next splat is loaded during the replay of one.
+// Inputs: segments, and the states of the pixels in front of them.
+// Variants: size of the block, number of splats, number of channels.
+// Early exit: once all pixels of the tile have terminated, and after the batch of emissions.
 
 @group(0) @binding(8) var<storage, read> segments: array<Segment>;
 @group(0) @binding(9) var<storage, read> states: array<vec2f>;

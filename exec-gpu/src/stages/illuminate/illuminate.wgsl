@@ -1,8 +1,10 @@
 // Light of lamps (stage `illuminate`).
 //
-// Threads: one invocation a pixel. Inputs: camera, blended layers, near field as occluder, lamps,
-// its interreflected light. Outputs: direct light, plane by plane. Variants: none. Early exit:
-// pixels without a splat, and rays below the horizon.
+// Threads: one invocation a pixel.
+// Inputs: camera, blended layers, near field as occluder, lamps, its interreflected light.
+// Outputs: direct light, plane by plane.
+// Variants: none.
+// Early exit: pixels without a splat, and rays below the horizon.
 
 struct Lamps {
     count: u32,

@@ -1,7 +1,8 @@
 // Conversion of sums to the gradient of a light (stages `shade_pixels_vjp` and `gaussians_vjp`).
 //
-// Threads: one invocation a texel. Inputs: sums in fixed point, from `light_sums.wgsl`. Outputs:
-// gradient of each texel.
+// Threads: one invocation a texel.
+// Inputs: sums in fixed point, from `light_sums.wgsl`.
+// Outputs: gradient of each texel.
 
 @group(0) @binding(0) var<storage, read> light_sums: array<u32>;
 @group(0) @binding(1) var<storage, read_write> grads: array<vec4f>;

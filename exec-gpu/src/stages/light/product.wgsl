@@ -1,9 +1,11 @@
 // Product of a sparse matrix with texels (stages `prefilter` and `prefilter_vjp`).
 //
 // Threads: ROW_SUMS invocations a row, each with every ROW_SUMS-th tap, because some rows are very
-// long. Memory: partial sums of the rows in workgroup memory, added up in pairs. Inputs: rows of
-// the matrix, texels. Outputs: texels, in place. Variants: the product is stored, added, or stored
-// in another array as levels with aprons.
+// long.
+// Memory: partial sums of the rows in workgroup memory, added up in pairs.
+// Inputs: rows of the matrix, texels.
+// Outputs: texels, in place.
+// Variants: the product is stored, added, or stored in another array as levels with aprons.
 
 struct Product {
     row_count: u32,

@@ -9,7 +9,7 @@
 @group(0) @binding(4) var<storage, read_write> parts: array<f32>;
 
 // Sum over texels of an input of a layer, or of one for biases, times the gradient of a sum.
-fn sum_of_products(begin: u32, end: u32, input: u32, inputs: u32, of_input: u32, grad_sum: u32) -> f32 {
+fn sum_of_products(begin: u32, end: u32, input: u32, inputs: u32, of_input: u32, grad_offset: u32) -> f32 {
     var sum = 0.0;
     for (var index = begin; index < end; index++) {
         let record = index * RECORD;
@@ -17,7 +17,7 @@ fn sum_of_products(begin: u32, end: u32, input: u32, inputs: u32, of_input: u32,
         if input < inputs {
             factor = records[record + of_input + input];
         }
-        sum += factor * records[record + grad_sum];
+        sum += factor * records[record + grad_offset];
     }
     return sum;
 }
@@ -47,9 +47,9 @@ fn network_weights_vjp(
         sum = sum_of_products(begin, end, ENCODING, ENCODING, NEAR, OF_NEAR + number % WIDTH);
     } else {
         let input = number / WIDTH;
-        let grad_sum = OF_NEAR + number % WIDTH;
+        let grad_offset = OF_NEAR + number % WIDTH;
         for (var texel = begin; texel < end; texel++) {
-            sum += encodings[(texels.first + texel) * ENCODING + input] * records[texel * RECORD + grad_sum];
+            sum += encodings[(texels.first + texel) * ENCODING + input] * records[texel * RECORD + grad_offset];
         }
     }
     parts[(texels.part_first + part) * WEIGHT_COUNT + number] = sum;

@@ -1,11 +1,12 @@
 // Smoothness of rendered normals between creases, and its gradient (stage `loss`).
 //
-// Threads: one workgroup a tile, one invocation a pixel. Memory: unit normals of the tile and its
-// border, in workgroup memory, where they are blurred. Inputs: blended surfaces and their colours,
-// before exposure; marks of the tiles; camera. Outputs: unit normals, blurred normals and weights;
-// gradients of normals; sum of the loss over each tile. Variants: with or without gloss, which
-// needs light per pixel. Early exit: tiles without a visible splat have no loss, but blurred
-// normals next to others.
+// Threads: one workgroup a tile, one invocation a pixel.
+// Memory: unit normals of the tile and its border, in workgroup memory, where they are blurred.
+// Inputs: blended surfaces and their colours, before exposure; marks of the tiles; camera.
+// Outputs: unit normals, blurred normals and weights; gradients of normals; sum of the loss over
+// each tile.
+// Variants: with or without gloss, which needs light per pixel.
+// Early exit: tiles without a visible splat have no loss, but blurred normals next to others.
 
 @group(0) @binding(4) var<storage, read> marks: array<u32>;
 // Planes of the picture: three of unit normals, three of blurred normals, weights.

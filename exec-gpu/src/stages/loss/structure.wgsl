@@ -1,9 +1,10 @@
 // SSIM of two images, and its gradients with respect to the means of each window (stage `loss`).
 //
-// Threads: one workgroup a tile and colour, one invocation four pixels in a row. Memory: means over
-// SSIM's windows of the tile's rows in workgroup memory. Inputs: colours, transmittance, target,
-// marks of the tiles. Outputs: gradients of each window's means; sums of SSIM over each tile. Early
-// exit: SSIM is 1 where both images show only the background.
+// Threads: one workgroup a tile and colour, one invocation four pixels in a row.
+// Memory: means over SSIM's windows of the tile's rows in workgroup memory.
+// Inputs: colours, transmittance, target, marks of the tiles.
+// Outputs: gradients of each window's means; sums of SSIM over each tile.
+// Early exit: SSIM is 1 where both images show only the background.
 
 @group(0) @binding(4) var<storage, read> marks: array<u32>;
 @group(0) @binding(5) var<storage, read_write> partials: array<f32>;

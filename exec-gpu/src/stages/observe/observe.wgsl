@@ -1,8 +1,9 @@
 // Statistics of densification for a view (stage `observe`).
 //
-// Threads: one invocation a Gaussian of the chunk. Inputs: camera, splats and their gradients, the
-// step counters. Outputs: sums of gradient lengths and numbers of views, in place. Early exit:
-// nothing changes if the step exceeded the capacity.
+// Threads: one invocation a Gaussian of the chunk.
+// Inputs: camera, splats and their gradients, the step counters.
+// Outputs: sums of gradient lengths and numbers of views, in place.
+// Early exit: nothing changes if the step exceeded the capacity.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;

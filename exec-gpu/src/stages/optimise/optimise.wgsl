@@ -1,8 +1,9 @@
 // Adam's step (stage `optimise`).
 //
-// Threads: one invocation a number. Inputs: learning rate of each plane, gradients, the step
-// counters. Outputs: values and their Adam moments, in place; count of gradients that are not
-// finite. Early exit: nothing changes if the step exceeded the capacity, or in planes at rest.
+// Threads: one invocation a number.
+// Inputs: learning rate of each plane, gradients, the step counters.
+// Outputs: values and their Adam moments, in place; count of gradients that are not finite.
+// Early exit: nothing changes if the step exceeded the capacity, or in planes at rest.
 
 struct StepSize {
     count: u32,

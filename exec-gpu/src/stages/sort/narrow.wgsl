@@ -1,9 +1,10 @@
 // Stable radix sort of pairs, one pass of DIGIT_BITS bits, without barriers.
 //
 // Threads: one invocation a column of COLUMN consecutive elements, so no invocation waits for
-// another; ranks follow from sums over the previous columns. Memory: a counter for each digit and
-// invocation in workgroup memory. Inputs: keys and items; number of elements, of the host or of the
-// step counters. Outputs: counts of digits, then keys and items sorted by the digit.
+// another; ranks follow from sums over the previous columns.
+// Memory: a counter for each digit and invocation in workgroup memory.
+// Inputs: keys and items; number of elements, of the host or of the step counters.
+// Outputs: counts of digits, then keys and items sorted by the digit.
 
 const DIGITS: u32 = 1u << DIGIT_BITS;
 

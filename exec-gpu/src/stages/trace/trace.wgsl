@@ -1,8 +1,10 @@
 // Reflected rays against a near field (stage `trace`).
 //
-// Threads: one invocation a pixel. Inputs: camera, blended surface attributes, near field. Outputs:
-// reflections, plane by plane. Variants: blended channels. Early exit: pixels without a splat, and
-// rough ones, have no ray and reflect the distant light.
+// Threads: one invocation a pixel.
+// Inputs: camera, blended surface attributes, near field.
+// Outputs: reflections, plane by plane.
+// Variants: blended channels.
+// Early exit: pixels without a splat, and rough ones, have no ray and reflect the distant light.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(2) var<storage, read> frame: array<f32>;

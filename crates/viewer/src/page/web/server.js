@@ -7,7 +7,7 @@ import { bytesOf } from "./text.js";
 const NO_WEBGPU =
   "This browser has no WebGPU, so the scene is a still picture. Use Chrome or Edge 113, Safari 26, Firefox 141, or later versions.";
 
-/** Elements that hold renderer and scene; they leave the page, whose text then takes no memory. */
+/** Elements that hold renderer and scene, removed from the page to free the memory of their text. */
 const packed = Object.fromEntries(["renderer", "scene"].map((id) => [id, document.getElementById(id)]));
 Object.values(packed).forEach((element) => element.remove());
 
@@ -57,7 +57,7 @@ export const server = {
     this.viewer = await wasm_bindgen.WebViewer.open(given?.split("/").pop() ?? "", await contents("scene", given));
   },
 
-  /** Shows the scene of a .glb in place of this one, which stays where the file cannot be read. */
+  /** Shows the scene of a .glb instead of this one; keeps this one if the file cannot be read. */
   async replace(file) {
     await breath();
     const viewer = await wasm_bindgen.WebViewer.open(file.name, new Uint8Array(await file.arrayBuffer()));

@@ -13,7 +13,7 @@ for (let letter = 1, digit = 0; letter < 128; letter++) {
   if (letter !== 13 && letter !== 60) DIGITS[letter] = digit++;
 }
 
-/** Bytes of a text, as many as `count`; throws an error for a text that has others. */
+/** The `count` bytes of a text; throws an error if the text has another length or is damaged. */
 export function bytesOf(text, count) {
   const letters = new TextEncoder().encode(text);
   const blocks = Math.ceil(count / (4 * WORDS));
