@@ -7,3 +7,4 @@ pub mod formula;
 pub mod real;
 pub(crate) mod source;
 pub(crate) mod trace;
+pub(crate) mod uniform;
