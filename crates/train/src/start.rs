@@ -1,6 +1,7 @@
 //! Initial Gaussians, from a point cloud or from random points.
 
 use crate::{
+    pictures::{PictureError, PictureKey, Pictures, Turn},
     profile::{GaussianStart, Profile},
     view::{View, extent_of_cameras},
 };
@@ -82,6 +83,17 @@ impl Silhouette {
         let pixel = y * camera.width as usize + x;
         self.bits.get(pixel / 8).is_none_or(|byte| byte >> (pixel % 8) & 1 == 1)
     }
+}
+
+/// Silhouettes of all pictures.
+pub(crate) fn silhouettes(pictures: &mut dyn Pictures, count: usize) -> Result<Vec<Option<Silhouette>>, PictureError> {
+    let silhouette = |view: usize| {
+        let turn = Turn { visit: 0, picture: PictureKey { view, is_halved: false } };
+        let mut found = None;
+        pictures.show(turn, &mut |view| found = Silhouette::of(&view.rgba))?;
+        Ok(found)
+    };
+    (0..count).map(silhouette).collect()
 }
 
 /// Half the edge of the cube of random points: NeRF Synthetic's, scaled with the camera extent
