@@ -1,5 +1,5 @@
-//! WGSL from core's formulas: a number that records operations, functions made of the record, and
-//! the builder of kernels' sources.
+//! WGSL from core's formulas: a number that records operations, functions made of the record,
+//! structures of uniforms, and the builder of kernels' sources.
 //!
 //! Nothing here knows a stage of the pipeline.
 

@@ -102,18 +102,31 @@ impl UniformField {
 
 /// Panics, while the executor is compiled, unless WGSL's layout is that of the host.
 pub(crate) const fn assert_layout<T: UniformStruct>() {
+    if let Some(fault) = layout_fault(T::FIELDS, size_of::<T>()) {
+        panic!("{}", fault);
+    }
+}
+
+/// Difference between WGSL's layout and that of the host, where fields have these offsets in a
+/// structure of this size.
+const fn layout_fault(fields: &[UniformField], size: usize) -> Option<&'static str> {
     let (mut end, mut alignment, mut k) = (0_usize, 1, 0);
-    while k < T::FIELDS.len() {
-        let field = T::FIELDS[k];
-        end = end.next_multiple_of(field.alignment);
-        assert!(end == field.offset, "WGSL aligns a field of this uniform: declare padding in front of it");
-        end += field.size;
+    while k < fields.len() {
+        let field = fields[k];
+        if end.next_multiple_of(field.alignment) != field.offset {
+            return Some("WGSL aligns a field of this uniform: declare padding in front of it");
+        }
+        end = field.offset + field.size;
         if field.alignment > alignment {
             alignment = field.alignment;
         }
         k += 1;
     }
-    assert!(end.next_multiple_of(alignment) == size_of::<T>(), "WGSL pads this uniform: declare padding at its end");
+    if end.next_multiple_of(alignment) == size {
+        None
+    } else {
+        Some("WGSL pads this uniform: declare padding at its end")
+    }
 }
 
 /// Bytes of a [`UniformStruct`].
@@ -191,5 +204,15 @@ mod tests {
             EveryTypeUniform::FIELDS.iter().map(|field| (field.name.to_owned(), field.offset, field.size)).collect();
         assert_eq!((members, size), (fields, size_of::<EveryTypeUniform>()));
         assert_eq!(EveryTypeUniform::zeroed().bytes().as_slice().len(), size);
+    }
+
+    #[test]
+    fn a_layout_without_the_padding_of_wgsl_is_found() {
+        let number = UniformField::new::<f32>("number", 0);
+        let after = UniformField::new::<[f32; 3]>("after", 4);
+        let aligned = UniformField::new::<[f32; 3]>("after", 16);
+        assert_eq!(layout_fault(&[number, aligned], 32), None);
+        assert!(layout_fault(&[number, after], 16).is_some_and(|fault| fault.contains("in front")));
+        assert!(layout_fault(&[number, aligned], 28).is_some_and(|fault| fault.contains("at its end")));
     }
 }

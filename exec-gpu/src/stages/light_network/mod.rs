@@ -67,7 +67,8 @@ uniform! {
         /// Texels of the dispatch, and the first of them.
         count: u32,
         first: u32,
-        /// Encoded texels of the base, the node of the first of them, and that of the first behind them.
+        /// Encoded texels of the base, the node of the first of them, and that of the first behind
+        /// them.
         base_count: u32,
         base_first: u32,
         row_first: u32,
