@@ -91,7 +91,7 @@ impl RenderRules {
         }
     }
     /// Tests whether only the surface's own colour is requested, without light.
-    pub fn is_color_alone(&self, layout: Layout) -> bool {
+    pub(crate) fn is_color_alone(&self, layout: Layout) -> bool {
         !self.is_lit && self.blended(layout) == Channels::Color
     }
     /// Harmonics that are read, for each colour: those that are present and in use.
@@ -147,16 +147,28 @@ impl Channels {
         }
     }
 
-    /// Channels with this count; all layers for an unknown count.
-    pub const fn of_count(count: usize) -> Self {
+    /// Channels with this count; `None` if no channels have it.
+    pub const fn with_count(count: usize) -> Option<Self> {
         let mut k = 0;
         while k < Self::ALL.len() {
             if Self::ALL[k].count() == count {
-                return Self::ALL[k];
+                return Some(Self::ALL[k]);
             }
             k += 1;
         }
-        Self::Layers
+        None
+    }
+
+    /// Channels of an executor's frame, which has this count.
+    ///
+    /// # Panics
+    ///
+    /// If no channels have this count.
+    pub const fn of_count(count: usize) -> Self {
+        match Self::with_count(count) {
+            Some(channels) => channels,
+            None => panic!("no picture has this number of channels"),
+        }
     }
 
     /// Whether a channel of all layers, as [`mod@channel`] numbers them, is among these.

@@ -5,7 +5,8 @@
 //! * [`setting`]: the parameters of rendering and their values
 //! * [`trial`]: a scene under a setting: pictures, stage times, operation counts
 //! * [`error`]: metrics of a picture against the exact one ([`mod@flip`])
-//! * [`mod@lpips`]: perceptual distance by a network from a file
+//! * `lpips`, with the feature of that name: perceptual distance by a network whose weights are in
+//!   a file
 //! * [`front`]: Pareto-optimal settings
 //! * [`budget`]: the cheapest setting within an error, validated on other views
 //! * [`verify`]: pictures within an error, each compared with the most exact one in `f32`
@@ -18,6 +19,7 @@ pub mod budget;
 pub mod error;
 pub mod flip;
 pub mod front;
+#[cfg(feature = "lpips")]
 pub mod lpips;
 pub mod off_axis;
 pub mod reference;
@@ -27,4 +29,5 @@ pub mod stability;
 pub mod subject;
 pub mod trial;
 pub mod verify;
+#[cfg(feature = "lpips")]
 mod wire;

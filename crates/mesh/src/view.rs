@@ -20,7 +20,8 @@ pub(crate) struct View {
 impl View {
     pub(crate) fn new(camera: &Camera, image: &Image<Vec<f32>>) -> Self {
         let coverage: Vec<f32> = image.plane(image.channels - 1).iter().map(|passed| 1.0 - passed).collect();
-        let depth = Channels::of_count(image.channels - 1).index_of(channel::DEPTH).expect("the renderer has depths");
+        let channels = Channels::with_count(image.channels - 1);
+        let depth = channels.and_then(|channels| channels.index_of(channel::DEPTH)).expect("the renderer has depths");
         let normalised = |sum: f32, pixel: usize| sum / coverage[pixel].max(ALPHA_MIN);
         let pixels = || 0..image.pixel_count();
         Self {

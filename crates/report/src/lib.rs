@@ -4,7 +4,7 @@
 //! | module | report |
 //! |---|---|
 //! | [`measure`] | list of measures, `results.json` and `per_view.json` |
-//! | [`lpips`] | LPIPS by a network from a file |
+//! | `lpips`, with the feature of that name | LPIPS by a network from a file |
 //! | [`materials`] | albedo, roughness and metalness against ground truth |
 //! | [`light`] | learned light against the true one |
 //! | [`relighting`] | PSNR under other lights, with and without the best factors |
@@ -34,6 +34,7 @@ mod error;
 pub mod evaluation;
 mod html;
 pub mod light;
+#[cfg(feature = "lpips")]
 pub mod lpips;
 pub mod materials;
 pub mod measure;

@@ -21,7 +21,7 @@ use specula_scene::{
     lamps::{SceneLamps, SunChoice, direction},
     orbit,
 };
-use specula_train::near_field::{Unlit, fused};
+use specula_train::near_field::{UnlitPicture, fused};
 
 /// Pixels along an edge of a traced picture.
 const SIZE: u32 = 64;
@@ -124,9 +124,9 @@ fn scene(solids: &[Solid]) -> Scene {
         scene.renderer(CpuExecutor::new(), Channels::Layers).unwrap()
     };
     let (mut colors, mut materials) = (renderer(Shading::View), renderer(Shading::Physical));
-    let mut render = |camera: &Camera, unlit: Unlit| match unlit {
-        Unlit::Materials => materials.render(camera),
-        Unlit::Depths | Unlit::Layers => colors.render(camera),
+    let mut render = |camera: &Camera, unlit: UnlitPicture| match unlit {
+        UnlitPicture::Materials => materials.render(camera),
+        UnlitPicture::Depths | UnlitPicture::Layers => colors.render(camera),
     };
     let surroundings = fused(&scene.gaussians, &cameras, VOXELS, None, &mut render).unwrap().unwrap();
     Scene { near_field: Some(Surface::shared(surroundings.near_field)), ..scene }

@@ -87,7 +87,7 @@ pub fn largest_difference(one: &Image<Vec<f32>>, other: &Image<Vec<f32>>, asked:
         return f32::INFINITY;
     }
     let last = [one, other].map(|image| image.channels - 1);
-    let index_in = |count: usize, channel: usize| Channels::of_count(count).index_of(channel);
+    let index_in = |count: usize, channel: usize| Channels::with_count(count)?.index_of(channel);
     let asked = (0..Channels::Layers.count()).filter(|channel| asked.index_of(*channel).is_some());
     let difference = asked.map(|channel| match last.map(|count| index_in(count, channel)) {
         [Some(a), Some(b)] => plane_difference(one.plane(a), other.plane(b)),

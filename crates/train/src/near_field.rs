@@ -23,7 +23,7 @@ const EDGE_MAX: u32 = 800;
 
 /// Picture of a view without light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Unlit {
+pub enum UnlitPicture {
     /// Channels of training.
     Depths,
     /// All layers of view-dependent colours.
@@ -49,7 +49,7 @@ pub fn fused<Error>(
     cameras: &[Camera],
     voxels: u16,
     sky: Option<&Sky>,
-    render: &mut impl FnMut(&Camera, Unlit) -> Result<Image<Vec<f32>>, Error>,
+    render: &mut impl FnMut(&Camera, UnlitPicture) -> Result<Image<Vec<f32>>, Error>,
 ) -> Result<Option<Surroundings>, Error> {
     if gaussians.count == 0 {
         return Ok(None);
@@ -58,13 +58,13 @@ pub fn fused<Error>(
         evenly_spaced(cameras, VIEWS_MAX).iter().map(|camera| camera.limited(EDGE_MAX)).collect();
     let mut fusion = Fusion::around(gaussians, voxels_resolved(voxels, &cameras));
     for camera in &cameras {
-        fusion.add(camera, &render(camera, Unlit::Depths)?);
+        fusion.add(camera, &render(camera, UnlitPicture::Depths)?);
     }
     let mut means = SurfaceMeans::new(fusion.mesh(), fusion.voxel_size());
     for camera in &cameras {
-        means.add(camera, &render(camera, Unlit::Layers)?);
+        means.add(camera, &render(camera, UnlitPicture::Layers)?);
         if gaussians.layout.is_physical {
-            means.add_materials(camera, &render(camera, Unlit::Materials)?);
+            means.add_materials(camera, &render(camera, UnlitPicture::Materials)?);
         }
     }
     let Some(near_field) = means.near_field() else { return Ok(None) };

@@ -9,6 +9,7 @@ use crate::fingerprint::fingerprint;
 use core::fmt;
 use specula_core::{
     cubemap::FACE_COUNT,
+    densify::DensifyRules,
     loss::{LossWeights, NormalForm},
     normal::AxisRule,
     optimise::Schedule,
@@ -102,6 +103,40 @@ pub struct Densification {
     pub reset_every: u32,
     /// Largest number of Gaussians.
     pub count_max: usize,
+}
+
+/// Intervals of densification between two removals of invisible Gaussians after its end.
+const INVISIBLE_EVERY: u32 = 10;
+
+impl Densification {
+    /// Thresholds by which Gaussians are refined and removed after an iteration; `None` if nothing
+    /// is due. After the end of densification they only remove Gaussians that no picture shows.
+    pub(crate) fn rules_at(&self, iteration: u32, iterations: u32, extent: f32) -> Option<DensifyRules> {
+        if iteration > self.from && iteration < self.until && iteration.is_multiple_of(self.every) {
+            let was_reset = self.reset_every > 0 && iteration > self.reset_every;
+            return Some(DensifyRules {
+                grad_min: self.grad_min,
+                split_scale: self.split_share * extent,
+                opacity_min: self.opacity_min,
+                scale_max: if was_reset { self.prune_share * extent } else { f32::INFINITY },
+            });
+        }
+        let is_due = iteration.is_multiple_of(INVISIBLE_EVERY * self.every) || iteration == iterations;
+        (iteration >= self.until && is_due).then_some(DensifyRules::INVISIBLE)
+    }
+}
+
+/// Settings of a profile for objects that alpha cuts out of all pictures, instead of its own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObjectSettings {
+    /// Weight of the normal loss.
+    pub normal: f32,
+    /// Weight of the smoothness of normals.
+    pub smoothness: f32,
+    /// Whether true pictures saturate at white.
+    pub saturates: bool,
+    /// Scale, as a share of the scene's extent, above which a Gaussian is split rather than cloned.
+    pub split_share: f32,
 }
 
 /// Initial light.
@@ -226,6 +261,8 @@ pub struct Profile {
     pub foreground: Option<Ball>,
     /// Weights of the losses.
     pub weights: LossWeights,
+    /// Settings for objects; `None` if they are those for all scenes.
+    pub objects: Option<ObjectSettings>,
     /// Schedule of physical materials; `None` if Gaussians only have view-dependent colours.
     pub physical: Option<PhysicalSchedule>,
     /// Schedule of the near field; `None` if reflected rays always see the far light.
@@ -287,6 +324,7 @@ fn plain(iterations: u32) -> Profile {
         start: GaussianStart { opacity: 0.1, tint: 0.0, roughness: 0.5, diffuse_share: 1.0 },
         foreground: None,
         weights: LossWeights { absolute: 0.8, dssim: 0.2, ..LossWeights::NONE },
+        objects: None,
         physical: None,
         near_field: None,
         reflections: Reflections::Far,
@@ -431,6 +469,7 @@ fn specula(iterations: u32) -> Profile {
             residual: 1e-3,
             ..LossWeights::NONE
         },
+        objects: Some(ObjectSettings { normal: 0.2, smoothness: 80.0, saturates: true, split_share: 0.004 }),
         normal_from: 0.05,
         normal_last: 0.1,
         harmonics_from: 0.3,
@@ -467,16 +506,14 @@ pub struct Ablation {
 const NETWORK_RATE: [f32; 2] = [2e-3, 2e-4];
 
 impl Profile {
-    /// Profile for objects with alpha in all pictures. For these, `specula` gives normals more
-    /// weight, smooths those of mirrors, and splits smaller Gaussians: surfaces seen from all
-    /// around gain in normals and sharpness; photographs lose, or have not been tried
-    /// (docs/lab/trials.md).
+    /// Profile for objects that alpha cuts out of all pictures, by its [`Self::objects`]. `specula`
+    /// then gives normals more weight, smooths those of mirrors, and splits smaller Gaussians:
+    /// surfaces seen from all around gain in normals and in sharpness, photographs would lose, or
+    /// have not been tried (docs/lab/trials.md).
     pub fn for_objects(mut self) -> Self {
-        if self.name == "specula" {
-            self.weights.normal = 0.2;
-            self.weights.smoothness = 80.0;
-            self.weights.saturates = true;
-            self.densification.split_share = 0.004;
+        if let Some(ObjectSettings { normal, smoothness, saturates, split_share }) = self.objects.take() {
+            self.weights = LossWeights { normal, smoothness, saturates, ..self.weights };
+            self.densification.split_share = split_share;
         }
         self
     }
@@ -689,6 +726,18 @@ mod tests {
             assert_eq!(if is_rendered { rendered } else { attributes }, (0.5, 0.25), "{name}");
             assert_eq!(if is_rendered { attributes } else { rendered }, (0.0, 0.0), "{name}");
         }
+    }
+
+    #[test]
+    fn invisible_gaussians_are_removed_now_and_then_once_densification_has_ended() {
+        let plan = by_name("specula", 7000).expect("a profile").densification;
+        let rules = |iteration| plan.rules_at(iteration, 7000, 2.0);
+        let removals: Vec<u32> = (1..=7000).filter(|k| rules(*k) == Some(DensifyRules::INVISIBLE)).collect();
+        assert_eq!(removals, [4000, 5000, 6000, 7000]);
+        assert!(rules(3500).is_none() && rules(3400).is_some_and(|rules| rules.grad_min == plan.grad_min));
+        let last = |iterations| plan.rules_at(iterations, iterations, 2.0);
+        assert_eq!(last(6999), Some(DensifyRules::INVISIBLE));
+        assert_eq!(last(1234), None);
     }
 
     #[test]

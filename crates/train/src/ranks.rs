@@ -15,10 +15,11 @@
 //! any number of ranks.
 
 use crate::{
-    batch::{Updates, apply, gradient_of},
+    batch::{Updates, apply, batch_step, gradient_of},
     error::TrainError,
     exchange::{Exchange, ExchangeError},
     fingerprint::fingerprint,
+    pictures::PictureError,
     transfer::{download, download_gaussians},
 };
 use core::ops::Range;
@@ -26,7 +27,7 @@ use specula_core::{
     executor::{Executor, StepReport, TrainingStep},
     expose::Exposure,
     loss::LossReport,
-    pipeline::ViewGradient,
+    pipeline::{ViewGradient, train_step},
     scene::{BLOCK, Gaussians, Layout, len_of_values},
     state::{AdamMoments, SceneState, Statistics},
 };
@@ -73,10 +74,44 @@ impl StepSizes {
     }
 }
 
+/// Answer of a rank to a question of all ranks, and their common answer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Answer {
+    /// No, on all ranks.
+    No,
+    /// Yes, on at least one rank.
+    Yes,
+    /// The rank cannot show a picture of the next step; in common, the first one that cannot.
+    Fault(PictureError),
+}
+
+impl Answer {
+    pub(crate) fn of(is_yes: bool) -> Self {
+        if is_yes { Self::Yes } else { Self::No }
+    }
+
+    fn to_message(&self) -> Vec<u8> {
+        match self {
+            Self::No => vec![0],
+            Self::Yes => vec![1],
+            Self::Fault(PictureError(sentence)) => [&[2], sentence.as_bytes()].concat(),
+        }
+    }
+
+    fn from_message(message: &[u8]) -> Self {
+        match message {
+            [1] => Self::Yes,
+            [2, sentence @ ..] => Self::Fault(PictureError(String::from_utf8_lossy(sentence).into_owned())),
+            _ => Self::No,
+        }
+    }
+}
+
 /// One rank of a training.
 #[derive(Debug)]
 pub(crate) struct Ranks {
-    exchange: Box<dyn Exchange>,
+    /// Connection with the others; `None` for the only rank.
+    exchange: Option<Box<dyn Exchange>>,
     traffic: Traffic,
 }
 
@@ -85,25 +120,37 @@ pub(crate) struct Ranks {
 const REPORT_LEN: usize = 20;
 
 impl Ranks {
-    pub(crate) fn new(exchange: Box<dyn Exchange>) -> Self {
-        Self { exchange, traffic: Traffic::default() }
+    /// The only rank of a training, which exchanges nothing.
+    pub(crate) fn alone() -> Self {
+        Self { exchange: None, traffic: Traffic::default() }
+    }
+
+    pub(crate) fn of(exchange: Box<dyn Exchange>) -> Self {
+        Self { exchange: Some(exchange), traffic: Traffic::default() }
     }
 
     pub(crate) fn rank(&self) -> usize {
-        self.exchange.rank()
+        self.exchange.as_ref().map_or(0, |exchange| exchange.rank())
     }
 
     pub(crate) fn size(&self) -> usize {
-        self.exchange.size()
+        self.exchange.as_ref().map_or(1, |exchange| exchange.size())
     }
 
-    pub(crate) fn traffic(&self) -> Traffic {
-        self.traffic
+    /// Messages to other ranks so far; `None` for the only rank.
+    pub(crate) fn traffic(&self) -> Option<Traffic> {
+        self.exchange.as_ref().map(|_| self.traffic)
     }
 
-    /// Returns whether `wish` is true on any rank.
-    pub(crate) fn agree(&mut self, wish: bool) -> Result<bool, ExchangeError> {
-        Ok(self.agree_unless(wish, "")? == Ok(true))
+    /// Common answer of all ranks: a fault before a yes, and a yes before a no.
+    pub(crate) fn agree(&mut self, own: Answer) -> Result<Answer, ExchangeError> {
+        let all: Vec<Answer> = match &self.exchange {
+            None => vec![own],
+            Some(_) => self.all_gather(own.to_message())?.iter().map(|told| Answer::from_message(told)).collect(),
+        };
+        let is_yes = all.contains(&Answer::Yes);
+        let fault = all.into_iter().find(|answer| matches!(answer, Answer::Fault(_)));
+        Ok(fault.unwrap_or(Answer::of(is_yes)))
     }
 
     /// Rejects ranks with a text other than rank 0's. `what` is a plural noun for the error.
@@ -115,21 +162,25 @@ impl Ranks {
         }
     }
 
-    /// First error of any rank, else whether `wish` is true on any rank.
-    pub(crate) fn agree_unless(&mut self, wish: bool, sentence: &str) -> Result<Result<bool, String>, ExchangeError> {
-        let mut own = vec![u8::from(wish)];
-        own.extend_from_slice(sentence.as_bytes());
-        let all = self.all_gather(own)?;
-        let told = all.iter().find_map(|message| message.get(1..).filter(|sentence| !sentence.is_empty()));
-        Ok(match told {
-            Some(sentence) => Err(String::from_utf8_lossy(sentence).into_owned()),
-            None => Ok(all.iter().any(|message| message.first() == Some(&1))),
-        })
+    /// Takes a step of Adam for each view of all ranks. `own` are the views of this one. Returns
+    /// the report of each view.
+    pub(crate) fn step<E: Executor>(
+        &mut self,
+        exec: &mut E,
+        scene: &mut SceneState<E::Array>,
+        own: &[TrainingStep<'_, E>],
+        updates: &Updates<'_>,
+    ) -> Result<Vec<StepReport>, TrainError<E::Error>> {
+        match (&self.exchange, own) {
+            (Some(_), own) => self.shared_step(exec, scene, own, updates),
+            // The gradient of a single view is never stored.
+            (None, [step]) => Ok(vec![train_step(exec, scene, step)?]),
+            (None, steps) => Ok(batch_step(exec, scene, steps, updates)?),
+        }
     }
 
-    /// Takes a step of Adam for each view of all ranks, as
-    /// [`batch_step`](crate::batch::batch_step) does on one rank. `own` are the views of this one.
-    pub(crate) fn step<E: Executor>(
+    /// Takes the steps that [`batch_step`] takes on one rank.
+    fn shared_step<E: Executor>(
         &mut self,
         exec: &mut E,
         scene: &mut SceneState<E::Array>,
@@ -282,6 +333,9 @@ impl Ranks {
         exec: &mut E,
         scene: &mut SceneState<E::Array>,
     ) -> Result<(), TrainError<E::Error>> {
+        if self.exchange.is_none() {
+            return Ok(());
+        }
         self.check_parameters(exec, scene)?;
         let light_len = light_len_of(scene);
         let SceneState { gaussians, moments, statistics, light } = scene;
@@ -327,6 +381,9 @@ impl Ranks {
 
     /// Keeps only the moments and statistics of this rank's Gaussians.
     pub(crate) fn keep_own<E: Executor>(&self, exec: &mut E, scene: &mut SceneState<E::Array>) -> Result<(), E::Error> {
+        if self.exchange.is_none() {
+            return Ok(());
+        }
         let SceneState { gaussians, moments, statistics, .. } = scene;
         let (count, layout) = (gaussians.count, gaussians.layout);
         let own = self.range(count, self.rank());
@@ -360,27 +417,30 @@ impl Ranks {
     }
 
     fn send(&mut self, to: usize, message: Vec<u8>) -> Result<(), ExchangeError> {
-        let start = Instant::now();
         self.traffic.sent += message.len() as u64;
-        let sent = self.exchange.send(to, message);
-        self.traffic.seconds += start.elapsed().as_secs_f64();
-        sent
+        self.timed(|exchange| exchange.send(to, message))
     }
 
     fn receive_numbers(&mut self, from: usize) -> Result<Vec<f32>, ExchangeError> {
-        let start = Instant::now();
-        let message = self.exchange.receive(from)?;
-        self.traffic.seconds += start.elapsed().as_secs_f64();
+        let message = self.timed(|exchange| exchange.receive(from))?;
         check_length(from, message.len().next_multiple_of(size_of::<f32>()), &message)?;
         Ok(bytemuck::pod_collect_to_vec(&message))
     }
 
     fn all_gather(&mut self, own: Vec<u8>) -> Result<Vec<Vec<u8>>, ExchangeError> {
-        let start = Instant::now();
         self.traffic.sent += (own.len() * (self.size() - 1)) as u64;
-        let all = self.exchange.all_gather(own);
+        self.timed(|exchange| exchange.all_gather(own))
+    }
+
+    fn timed<T>(
+        &mut self,
+        run: impl FnOnce(&mut dyn Exchange) -> Result<T, ExchangeError>,
+    ) -> Result<T, ExchangeError> {
+        let exchange = self.exchange.as_deref_mut().expect("the only rank exchanges nothing");
+        let start = Instant::now();
+        let done = run(exchange);
         self.traffic.seconds += start.elapsed().as_secs_f64();
-        all
+        done
     }
 }
 
@@ -482,7 +542,7 @@ mod tests {
 
     fn ranks(count: usize) -> Vec<Ranks> {
         let connected = threads(count, Duration::from_secs(60));
-        connected.into_iter().map(|exchange| Ranks::new(Box::new(exchange))).collect()
+        connected.into_iter().map(|exchange| Ranks::of(Box::new(exchange))).collect()
     }
 
     #[test]
@@ -515,14 +575,36 @@ mod tests {
     }
 
     #[test]
+    fn a_fault_of_one_rank_is_the_answer_of_all() {
+        let fault = |sentence: &str| Answer::Fault(PictureError(sentence.to_owned()));
+        let answers = [Answer::Yes, fault("picture 3 is damaged"), fault(""), Answer::No];
+        let handles = ranks(4).into_iter().map(|mut rank| {
+            let own = answers[rank.rank()].clone();
+            std::thread::spawn(move || rank.agree(own))
+        });
+        for handle in handles.collect::<Vec<_>>() {
+            assert_eq!(handle.join().expect("no rank panics"), Ok(fault("picture 3 is damaged")));
+        }
+        for answer in answers {
+            assert_eq!(Answer::from_message(&answer.to_message()), answer);
+            assert_eq!(Ranks::alone().agree(answer.clone()), Ok(answer));
+        }
+    }
+
+    #[test]
     fn ranks_that_differ_are_named() {
         let handles = ranks(3).into_iter().map(|mut rank| {
             let text = if rank.rank() == 2 { "7000 iterations" } else { "700 iterations" };
-            std::thread::spawn(move || (rank.agree(rank.rank() == 1), rank.check_alike("options", text.as_bytes())))
+            std::thread::spawn(move || {
+                (rank.agree(Answer::of(rank.rank() == 1)), rank.check_alike("options", text.as_bytes()))
+            })
         });
         for handle in handles.collect::<Vec<_>>() {
             let (agreed, checked) = handle.join().expect("no rank panics");
-            assert_eq!((agreed, checked), (Ok(true), Err(ExchangeError::Different { rank: 2, what: "options" })));
+            assert_eq!(
+                (agreed, checked),
+                (Ok(Answer::Yes), Err(ExchangeError::Different { rank: 2, what: "options" }))
+            );
         }
     }
 }

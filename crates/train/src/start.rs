@@ -1,6 +1,7 @@
 //! Initial Gaussians, from a point cloud or from random points.
 
 use crate::{
+    pictures::{PictureError, PictureKey, Pictures, Turn},
     profile::{GaussianStart, Profile},
     view::{View, extent_of_cameras},
 };
@@ -84,8 +85,19 @@ impl Silhouette {
     }
 }
 
-/// Half the edge of the cube of random points: NeRF Synthetic's, scaled with the camera extent if
-/// that differs much.
+/// Silhouettes of all pictures.
+pub(crate) fn silhouettes(pictures: &mut dyn Pictures, count: usize) -> Result<Vec<Option<Silhouette>>, PictureError> {
+    let silhouette = |view: usize| {
+        let turn = Turn { visit: 0, picture: PictureKey { view, is_halved: false } };
+        let mut found = None;
+        pictures.show(turn, &mut |view| found = Silhouette::of(&view.rgba))?;
+        Ok(found)
+    };
+    (0..count).map(silhouette).collect()
+}
+
+/// Half the edge of the cube of random points: NeRF Synthetic's, scaled with the camera extent
+/// where that differs much.
 fn half_cube(extent: f32) -> f32 {
     if USUAL_EXTENTS.contains(&extent) { CUBE_HALF } else { CUBE_HALF * extent / CUBE_EXTENT }
 }

@@ -2,38 +2,34 @@
 
 pub use crate::error::TrainError;
 use crate::{
-    batch::{Updates, batch_step},
+    batch::Updates,
     evaluate::render_view,
     exchange::Exchange,
-    exposure, light_scale,
-    near_field::{self, Unlit},
+    exposure,
+    initial_state::{check_state, initial_light, initial_state},
+    light_scale,
+    near_field::{self, UnlitPicture},
     physical::{physical_rates, physical_rules, physical_weights, view_rates},
-    pictures::{PictureError, PictureKey, PictureSource, Pictures, Turn},
-    profile::{Densification, KnownLight, Profile, Reflections},
-    ranks::{Ranks, Traffic},
-    schedule::ViewSchedule,
-    start::{Point, Silhouette, gaussians, points_within, rates_by_plane},
-    targets::Targets,
-    transfer::{download_gaussians, download_light, download_scene, upload_scene},
+    picture_schedule::{PictureSchedule, Prepared},
+    pictures::{PictureSource, Pictures, Turn},
+    profile::{Profile, Reflections},
+    ranks::{Answer, Ranks, Traffic},
+    start::{Point, gaussians, points_within, rates_by_plane, silhouettes},
+    transfer::{download_gaussians, download_light, download_scene, upload_scene, with_scene},
     view::extent_of_cameras,
 };
 use specula_core::{
     activation::logit,
     camera::{Camera, near_of},
-    densify::DensifyRules,
-    environment::number_of,
     executor::{DensifyReport, Executor, RandomKey, StepReport, TrainingStep},
-    light_network::initial_weight,
     loss::LossWeights,
     metrics::psnr,
     near_field::NearField,
-    pipeline::train_step,
     rules::{Channels, RenderRules},
-    scene::{Environment, Gaussians, OPACITY, TINT, len_of_values},
-    state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
+    scene::{Environment, Gaussians, OPACITY, TINT},
+    state::{ExposureState, SceneState, TrainingState},
 };
 use specula_mesh::sky::Sky;
-use std::collections::VecDeque;
 
 /// Tint logit of Gaussians without specular reflection. σ(−64) = 1.6e-28 is negligible against any
 /// colour, and gradients of that scale against Adam's ε of 1e-15, so neither the tint nor the light
@@ -43,12 +39,6 @@ pub const TINT_LOGIT_OFF: f32 = -64.0;
 /// Iterations between two scalings of a light of known mean: few enough that it drifts by at most a
 /// few per cent, even at the initial rates.
 const LIGHT_SCALE_EVERY: u32 = 10;
-
-/// Intervals of densification between two removals of invisible Gaussians after its end.
-const INVISIBLE_EVERY: u32 = 10;
-
-/// Maximum number of announced turns: those of a few passes, or of part of a long one.
-const AHEAD_MAX: usize = 2048;
 
 /// Settings of a training.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,8 +55,8 @@ pub struct Settings {
     pub random_points: usize,
 }
 
-/// Settings of all views of a step.
-struct Pass {
+/// Settings that all views of a step share.
+struct StepSettings {
     rules: RenderRules,
     weights: LossWeights,
     /// Learning rate of every plane.
@@ -76,23 +66,6 @@ struct Pass {
     is_observed: bool,
 }
 
-/// Views of the next step, with uploaded targets.
-#[derive(Debug)]
-struct Prepared {
-    views: Vec<usize>,
-    /// Remaining views of the pass after that step.
-    order: Vec<u32>,
-}
-
-/// Turns of this rank's pictures after the uploaded ones.
-#[derive(Debug)]
-struct Ahead {
-    turns: VecDeque<Turn>,
-    /// First step after these turns, and the remaining views of the pass before it.
-    step: u32,
-    order: Vec<u32>,
-}
-
 /// A training: scene, optimiser state and target pictures.
 #[derive(Debug)]
 pub struct Trainer<E: Executor> {
@@ -100,16 +73,14 @@ pub struct Trainer<E: Executor> {
     settings: Settings,
     /// Cameras at full and at half size; none at half size where no view is halved.
     cameras: [Vec<Camera>; 2],
-    targets: Targets<E::Target>,
-    prepared: Option<Prepared>,
-    ahead: Option<Ahead>,
+    pictures: PictureSchedule<E::Target>,
     extent: f32,
     state: TrainingState<E::Array>,
     /// Near field of the state on the executor.
     near_field: Option<E::NearField>,
-    /// Ranks that share the training, if there are several: the moments and statistics of the state
-    /// are then those of this rank's Gaussians.
-    ranks: Option<Ranks>,
+    /// Ranks that share the training. The moments and statistics of the state are those of this
+    /// rank's Gaussians.
+    ranks: Ranks,
 }
 
 impl<E: Executor> Trainer<E> {
@@ -141,7 +112,7 @@ impl<E: Executor> Trainer<E> {
             return Err(TrainError::NoPoints);
         }
         let start = gaussians(points, &settings.profile, settings.seed);
-        let light = start_light(&settings.profile, settings.seed);
+        let light = initial_light(&settings.profile, settings.seed);
         let exposures = settings.profile.exposure.map(|_| exposure::identities(cameras.len()));
         let mut trainer = Self::from_state(exec, settings, pictures, &initial_state(start, light, exposures))?;
         trainer.disable_background_specular()?;
@@ -183,28 +154,18 @@ impl<E: Executor> Trainer<E> {
         let is_halved = settings.profile.coarse_until > 0.0 && all_can_be_halved(&cameras);
         let half = |camera: &Camera| camera.resized(camera.width / 2, camera.height / 2);
         let halved = if is_halved { cameras.iter().map(half).collect() } else { Vec::new() };
-        let TrainingState { scene, near_field, exposures, order, iteration, psnr, nonfinite } = state;
-        let uploaded = near_field.as_ref().map(|near_field| upload_near_field(&mut exec, near_field)).transpose()?;
-        let state = TrainingState {
-            scene: upload_scene(&mut exec, scene)?,
-            near_field: near_field.clone(),
-            exposures: exposures.clone(),
-            order: order.clone(),
-            iteration: *iteration,
-            psnr: *psnr,
-            nonfinite: *nonfinite,
-        };
+        let near_field = state.near_field.as_ref().map(|near_field| upload_near_field(&mut exec, near_field));
+        let near_field = near_field.transpose()?;
+        let scene = upload_scene(&mut exec, &state.scene)?;
         Ok(Self {
             exec,
+            pictures: PictureSchedule::new(pictures, &settings, cameras.len(), is_halved),
             settings,
             cameras: [cameras, halved],
-            targets: Targets::new(pictures),
-            prepared: None,
-            ahead: None,
             extent,
-            state,
-            near_field: uploaded,
-            ranks: None,
+            state: with_scene(state, scene),
+            near_field,
+            ranks: Ranks::alone(),
         })
     }
 
@@ -218,13 +179,13 @@ impl<E: Executor> Trainer<E> {
     /// [`TrainError::Exchange`] if a rank is gone or differs, [`TrainError::Executor`] if arrays
     /// cannot be read back.
     pub fn join(&mut self, exchange: Box<dyn Exchange>, description: &str) -> Result<(), TrainError<E::Error>> {
-        let mut ranks = Ranks::new(exchange);
+        let mut ranks = Ranks::of(exchange);
         let start = format!("{:?} {} {description}", self.settings, self.state.iteration);
         ranks.check_alike("settings or pictures", start.as_bytes()).map_err(TrainError::Exchange)?;
         ranks.check_parameters(&mut self.exec, &self.state.scene)?;
         ranks.keep_own(&mut self.exec, &mut self.state.scene)?;
-        self.ranks = Some(ranks);
-        (self.prepared, self.ahead) = (None, None);
+        self.pictures.share(ranks.rank(), ranks.size());
+        self.ranks = ranks;
         Ok(())
     }
 
@@ -238,71 +199,20 @@ impl<E: Executor> Trainer<E> {
     /// [`TrainError::Exchange`] if a rank is gone.
     pub fn prepare(&mut self, wish: bool) -> Result<bool, TrainError<E::Error>> {
         let prepared = if self.is_finished() { Ok(()) } else { self.prepare_own() };
-        let sentence = match prepared {
-            Ok(()) => String::new(),
-            Err(TrainError::Picture(PictureError(sentence))) if self.ranks.is_some() => sentence,
+        let own = match prepared {
+            Ok(()) => Answer::of(wish),
+            Err(TrainError::Picture(error)) => Answer::Fault(error),
             Err(error) => return Err(error),
         };
-        let Some(ranks) = &mut self.ranks else { return Ok(wish) };
-        let agreed = ranks.agree_unless(wish, &sentence).map_err(TrainError::Exchange)?;
-        agreed.map_err(|sentence| TrainError::Picture(PictureError(sentence)))
+        match self.ranks.agree(own).map_err(TrainError::Exchange)? {
+            Answer::Fault(error) => Err(TrainError::Picture(error)),
+            answer => Ok(answer == Answer::Yes),
+        }
     }
 
     /// Uploads this rank's pictures of the next step.
     fn prepare_own(&mut self) -> Result<(), TrainError<E::Error>> {
-        let step = self.state.iteration + 1;
-        if self.prepared.is_some() {
-            return Ok(());
-        }
-        self.look_ahead();
-        let mut order = self.state.order.clone();
-        let views = self.schedule().take(&mut order, step);
-        let turns = self.own_turns(step, &views);
-        self.targets.prepare(&mut self.exec, &turns)?;
-        self.prepared = Some(Prepared { views, order });
-        Ok(())
-    }
-
-    /// Announces further turns of pictures, after half of the announced ones.
-    fn look_ahead(&mut self) {
-        let step = self.state.iteration + 1;
-        let mut ahead = self.ahead.take().unwrap_or_else(|| Ahead {
-            turns: VecDeque::new(),
-            step,
-            order: self.state.order.clone(),
-        });
-        let first = self.schedule().visits(step).start;
-        while ahead.turns.front().is_some_and(|turn| turn.visit < first) {
-            ahead.turns.pop_front();
-        }
-        let most = AHEAD_MAX.min(2 * self.cameras[0].len()).max(2);
-        if ahead.turns.len() <= most / 2 && ahead.step <= self.settings.iterations {
-            while ahead.turns.len() < most && ahead.step <= self.settings.iterations {
-                let views = self.schedule().take(&mut ahead.order, ahead.step);
-                ahead.turns.extend(self.own_turns(ahead.step, &views));
-                ahead.step += 1;
-            }
-            self.targets.expect::<E>(&ahead.turns);
-        }
-        self.ahead = Some(ahead);
-    }
-
-    fn schedule(&self) -> ViewSchedule {
-        let Settings { seed, profile, .. } = &self.settings;
-        ViewSchedule { seed: *seed, views: self.cameras[0].len(), per_step: profile.views_per_step }
-    }
-
-    /// Turns of this rank's pictures in a step with these views.
-    fn own_turns(&self, step: u32, views: &[usize]) -> Vec<Turn> {
-        let (rank, size) = self.ranks.as_ref().map_or((0, 1), |ranks| (ranks.rank(), ranks.size()));
-        let visits = self.schedule().visits(step).zip(views).skip(rank).step_by(size);
-        visits.map(|(visit, view)| Turn { visit, picture: self.picture(step, *view) }).collect()
-    }
-
-    /// Picture of a view at the size of a step.
-    fn picture(&self, step: u32, view: usize) -> PictureKey {
-        let is_coarse = self.done(step) < self.settings.profile.coarse_until;
-        PictureKey { view, is_halved: is_coarse && !self.cameras[1].is_empty() }
+        self.pictures.prepare(&mut self.exec, &self.state.order, self.state.iteration + 1)
     }
 
     /// Returns whether `wish` is true on any rank, such as a request to stop. All ranks must call
@@ -312,12 +222,13 @@ impl<E: Executor> Trainer<E> {
     ///
     /// [`TrainError::Exchange`] if a rank is gone.
     pub fn agree(&mut self, wish: bool) -> Result<bool, TrainError<E::Error>> {
-        self.ranks.as_mut().map_or(Ok(wish), |ranks| ranks.agree(wish).map_err(TrainError::Exchange))
+        let answer = self.ranks.agree(Answer::of(wish)).map_err(TrainError::Exchange)?;
+        Ok(answer == Answer::Yes)
     }
 
     /// Messages to other ranks so far; `None` for a training on one rank.
     pub fn traffic(&self) -> Option<Traffic> {
-        self.ranks.as_ref().map(Ranks::traffic)
+        self.ranks.traffic()
     }
 
     /// Copies the state of the training to the host. All ranks must call it.
@@ -327,19 +238,10 @@ impl<E: Executor> Trainer<E> {
     /// [`TrainError::Executor`] if arrays cannot be read back; [`TrainError::Exchange`] if a rank
     /// is gone.
     pub fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, TrainError<E::Error>> {
-        self.gather()?;
+        self.ranks.gather(&mut self.exec, &mut self.state.scene)?;
         let scene = download_scene(&mut self.exec, &self.state.scene)?;
-        self.keep_own()?;
-        let TrainingState { near_field, exposures, order, iteration, psnr, nonfinite, .. } = &self.state;
-        Ok(TrainingState {
-            scene,
-            near_field: near_field.clone(),
-            exposures: exposures.clone(),
-            order: order.clone(),
-            iteration: *iteration,
-            psnr: *psnr,
-            nonfinite: *nonfinite,
-        })
+        self.ranks.keep_own(&mut self.exec, &mut self.state.scene)?;
+        Ok(with_scene(&self.state, scene))
     }
 
     /// Takes one step, and densifies by the schedule. The report is that of the last view of the
@@ -351,7 +253,7 @@ impl<E: Executor> Trainer<E> {
     /// [`TrainError::Executor`] if a stage fails.
     pub fn step(&mut self) -> Result<(StepReport, DensifyReport), TrainError<E::Error>> {
         self.prepare_own()?;
-        let Prepared { views, order } = self.prepared.take().expect("the views of the step are prepared");
+        let Prepared { views, order } = self.pictures.take_prepared();
         self.state.order = order;
         self.state.iteration += 1;
         let number = self.state.iteration;
@@ -363,15 +265,21 @@ impl<E: Executor> Trainer<E> {
         let rates = rates_by_plane(profile.layout, &rates, self.extent, number);
         let physical = profile.physical.filter(|physical| physical.is_due(number, self.settings.iterations));
         let layout = profile.layout;
-        let pass = Pass { rules, weights, rates: view_rates(layout, &rates), environment_rate, is_observed: true };
-        let reports = self.fit(&views, &pass)?;
+        let shared =
+            StepSettings { rules, weights, rates: view_rates(layout, &rates), environment_rate, is_observed: true };
+        let reports = self.fit(&views, &shared)?;
         if let Some(physical) = physical {
             let rules = RenderRules { traces_near: self.near_field.is_some(), ..physical_rules(&rules) };
             let mean_light = self.mean_light()?;
             let weights = physical_weights(&self.settings.profile.weights, physical.weight, mean_light);
-            let pass =
-                Pass { rules, weights, rates: physical_rates(layout, &rates), environment_rate, is_observed: false };
-            let material_reports = self.fit(&views, &pass)?;
+            let shared = StepSettings {
+                rules,
+                weights,
+                rates: physical_rates(layout, &rates),
+                environment_rate,
+                is_observed: false,
+            };
+            let material_reports = self.fit(&views, &shared)?;
             self.state.nonfinite += material_reports.iter().map(|report| report.nonfinite).sum::<usize>();
         }
         for (position, (view, report)) in views.iter().zip(&reports).enumerate() {
@@ -387,26 +295,26 @@ impl<E: Executor> Trainer<E> {
     }
 
     /// Takes Adam's step against the gradients of some views; returns the report of each.
-    fn fit(&mut self, views: &[usize], pass: &Pass) -> Result<Vec<StepReport>, TrainError<E::Error>> {
+    fn fit(&mut self, views: &[usize], shared: &StepSettings) -> Result<Vec<StepReport>, TrainError<E::Error>> {
         let number = self.state.iteration;
         let profile = &self.settings.profile;
         let updates = Updates {
             views: views.len(),
-            first: self.schedule().visits(number).start,
-            rates: &pass.rates,
-            environment_rate: pass.environment_rate,
+            first: self.pictures.visits(number).start,
+            rates: &shared.rates,
+            environment_rate: shared.environment_rate,
             radiance_max: profile.light.map_or(f32::INFINITY, |light| light.radiance_max),
-            is_observed: pass.is_observed,
+            is_observed: shared.is_observed,
         };
-        let turns = self.own_turns(number, views);
+        let turns = self.pictures.turns(number, views);
         let of = |Turn { visit, picture }: &Turn| TrainingStep {
             camera: &self.cameras[usize::from(picture.is_halved)][picture.view],
-            target: self.targets.of(*picture),
+            target: self.pictures.target(*picture),
             background: self.settings.background,
             exposure: self.state.exposures.as_ref().map(|exposures| &exposures.maps[picture.view]),
             near_field: self.near_field.as_ref(),
-            rules: &pass.rules,
-            weights: &pass.weights,
+            rules: &shared.rules,
+            weights: &shared.weights,
             is_observed: updates.is_observed,
             rates: updates.rates,
             environment_rate: updates.environment_rate,
@@ -414,27 +322,7 @@ impl<E: Executor> Trainer<E> {
             number: u32::try_from(*visit).unwrap_or(u32::MAX),
         };
         let own: Vec<_> = turns.iter().map(of).collect();
-        let (exec, scene) = (&mut self.exec, &mut self.state.scene);
-        match (&mut self.ranks, &*own) {
-            (Some(ranks), own) => ranks.step(exec, scene, own, &updates),
-            // The gradient of a single view is never stored.
-            (None, [step]) => Ok(vec![train_step(exec, scene, step)?]),
-            (None, steps) => Ok(batch_step(exec, scene, steps, &updates)?),
-        }
-    }
-
-    /// Gathers the moments and statistics of all ranks.
-    fn gather(&mut self) -> Result<(), TrainError<E::Error>> {
-        let gather = |ranks: &mut Ranks| ranks.gather(&mut self.exec, &mut self.state.scene);
-        self.ranks.as_mut().map_or(Ok(()), gather)
-    }
-
-    /// Drops the moments and statistics of other ranks.
-    fn keep_own(&mut self) -> Result<(), TrainError<E::Error>> {
-        match &self.ranks {
-            Some(ranks) => Ok(ranks.keep_own(&mut self.exec, &mut self.state.scene)?),
-            None => Ok(()),
-        }
+        self.ranks.step(&mut self.exec, &mut self.state.scene, &own, &updates)
     }
 
     fn note(&mut self, report: &StepReport) {
@@ -447,7 +335,7 @@ impl<E: Executor> Trainer<E> {
     /// Takes Adam's step for the exposure of a picture, by its position in the step. The step
     /// number is the number of the pass.
     fn expose(&mut self, view: usize, position: usize, report: &StepReport) {
-        let visit = self.schedule().visits(self.state.iteration).start + position as u64;
+        let visit = self.pictures.visits(self.state.iteration).start + position as u64;
         let turn = ((visit - 1) / self.cameras[0].len() as u64) as u32 + 1;
         let schedule = self.settings.profile.exposure;
         if let (Some(exposures), Some(grad), Some(schedule)) = (&mut self.state.exposures, &report.exposure, schedule) {
@@ -488,9 +376,9 @@ impl<E: Executor> Trainer<E> {
         if !k.is_multiple_of(plan.every) && !is_reset && k != self.settings.iterations {
             return Ok(DensifyReport::default());
         }
-        self.gather()?;
+        self.ranks.gather(&mut self.exec, &mut self.state.scene)?;
         let report = self.refine_whole()?;
-        self.keep_own()?;
+        self.ranks.keep_own(&mut self.exec, &mut self.state.scene)?;
         Ok(report)
     }
 
@@ -498,7 +386,7 @@ impl<E: Executor> Trainer<E> {
         let plan = self.settings.profile.densification;
         let k = self.state.iteration;
         let mut report = DensifyReport::default();
-        if let Some(rules) = densify_rules(&plan, k, self.settings.iterations, self.extent) {
+        if let Some(rules) = plan.rules_at(k, self.settings.iterations, self.extent) {
             let key = RandomKey { seed: self.settings.seed, stream: u64::from(k) };
             let SceneState { gaussians, moments, statistics, .. } = &mut self.state.scene;
             report = self.exec.densify(gaussians, moments, statistics, &rules, plan.count_max, key)?;
@@ -532,11 +420,11 @@ impl<E: Executor> Trainer<E> {
         };
         let scene = &self.state.scene.gaussians;
         let exec = &mut self.exec;
-        let mut render = |camera: &Camera, picture: Unlit| {
+        let mut render = |camera: &Camera, picture: UnlitPicture| {
             let rules = match picture {
-                Unlit::Depths => rules,
-                Unlit::Layers => RenderRules { channels: Channels::Layers, ..rules },
-                Unlit::Materials => physical_rules(&RenderRules { channels: Channels::Layers, ..rules }),
+                UnlitPicture::Depths => rules,
+                UnlitPicture::Layers => RenderRules { channels: Channels::Layers, ..rules },
+                UnlitPicture::Materials => physical_rules(&RenderRules { channels: Channels::Layers, ..rules }),
             };
             render_view(exec, scene, None, camera, &rules)
         };
@@ -641,63 +529,6 @@ impl<E: Executor> Trainer<E> {
     }
 }
 
-/// State before the first step: moments and statistics are zero.
-fn initial_state(
-    gaussians: Gaussians<Vec<f32>>,
-    environment: Option<Environment<Vec<f32>>>,
-    exposures: Option<ExposureState>,
-) -> TrainingState<Vec<f32>> {
-    let zeros = |len: usize| AdamMoments { mean: vec![0.0; len], square: vec![0.0; len] };
-    let with_moments = |light: Environment<Vec<f32>>| {
-        let moments = zeros(light.values.len());
-        (light, moments)
-    };
-    let scene = SceneState {
-        moments: zeros(gaussians.values.len()),
-        statistics: Statistics { grad_sum: vec![0.0; gaussians.count], view_count: vec![0.0; gaussians.count] },
-        light: environment.map(with_moments),
-        gaussians,
-    };
-    TrainingState { scene, near_field: None, exposures, order: Vec::new(), iteration: 0, psnr: None, nonfinite: 0 }
-}
-
-/// Compares a state with the settings and the number of views; the error names the first mismatch.
-fn check_state(state: &TrainingState<Vec<f32>>, settings: &Settings, view_count: usize) -> Result<(), &'static str> {
-    let SceneState { gaussians: Gaussians { count, layout, values }, moments, statistics, light } = &state.scene;
-    let profile = &settings.profile;
-    let has_moments =
-        |moments: &AdamMoments<Vec<f32>>, len: usize| [moments.mean.len(), moments.square.len()] == [len; 2];
-    let is_light = match (light, profile.light) {
-        (Some((light, moments)), Some(start)) => {
-            let len = light.len_of_values();
-            (light.resolution, light.activation) == (start.resolution, start.activation)
-                && light.values.len() == len
-                && has_moments(moments, len)
-        }
-        (None, None) => true,
-        _ => false,
-    };
-    let are_exposures = match (&state.exposures, profile.exposure) {
-        (Some(ExposureState { maps, moments }), Some(_)) => {
-            [maps.len(), moments.mean.len(), moments.square.len()] == [view_count; 3]
-        }
-        (None, None) => true,
-        _ => false,
-    };
-    let Statistics { grad_sum, view_count: seen } = statistics;
-    let checks = [
-        (*layout == profile.layout, "the Gaussians have other attributes"),
-        (values.len() == len_of_values(*count, *layout), "numbers of Gaussians are missing"),
-        (has_moments(moments, values.len()), "moments of Gaussians are missing"),
-        ([grad_sum.len(), seen.len()] == [*count; 2], "statistics of Gaussians are missing"),
-        (is_light, "the light is different"),
-        (state.near_field.is_none() || profile.near_field.is_some(), "there is a surface for reflections"),
-        (are_exposures, "the exposures belong to other photographs"),
-        (state.order.iter().all(|view| (*view as usize) < view_count), "there are fewer views"),
-    ];
-    checks.into_iter().find(|(fits, _)| !fits).map_or(Ok(()), |(_, what)| Err(what))
-}
-
 fn upload_near_field<E: Executor>(exec: &mut E, near_field: &NearField<Vec<f32>>) -> Result<E::NearField, E::Error> {
     exec.upload_near_field(&near_field.with_values(near_field.values.as_slice()))
 }
@@ -713,68 +544,8 @@ pub struct HostScene {
     pub near_field: Option<NearField<Vec<f32>>>,
 }
 
-/// Thresholds by which Gaussians are refined and removed after an iteration; `None` if nothing is
-/// due. After the end of densification they only remove invisible Gaussians.
-fn densify_rules(plan: &Densification, iteration: u32, iterations: u32, extent: f32) -> Option<DensifyRules> {
-    if iteration > plan.from && iteration < plan.until && iteration.is_multiple_of(plan.every) {
-        let was_reset = plan.reset_every > 0 && iteration > plan.reset_every;
-        return Some(DensifyRules {
-            grad_min: plan.grad_min,
-            split_scale: plan.split_share * extent,
-            opacity_min: plan.opacity_min,
-            scale_max: if was_reset { plan.prune_share * extent } else { f32::INFINITY },
-        });
-    }
-    let is_due = iteration.is_multiple_of(INVISIBLE_EVERY * plan.every) || iteration == iterations;
-    (iteration >= plan.until && is_due).then_some(DensifyRules::INVISIBLE)
-}
-
 /// Returns whether views at half their size are still large enough to train on.
 fn all_can_be_halved(cameras: &[Camera]) -> bool {
     const SIZE_MIN: u32 = 64;
     cameras.iter().all(|camera| camera.width.min(camera.height) >= 2 * SIZE_MIN)
-}
-
-/// Silhouettes of all pictures.
-fn silhouettes(pictures: &mut dyn Pictures, count: usize) -> Result<Vec<Option<Silhouette>>, PictureError> {
-    let silhouette = |view: usize| {
-        let turn = Turn { visit: 0, picture: PictureKey { view, is_halved: false } };
-        let mut found = None;
-        pictures.show(turn, &mut |view| found = Silhouette::of(&view.rgba))?;
-        Ok(found)
-    };
-    (0..count).map(silhouette).collect()
-}
-
-fn start_light(profile: &Profile, seed: u64) -> Option<Environment<Vec<f32>>> {
-    /// Radiance below which a known light counts as black.
-    const BLACK: f32 = 1e-6;
-    let start = profile.light?;
-    let number = number_of(start.activation, start.radiance);
-    let empty = Environment { resolution: start.resolution, activation: start.activation, values: Vec::new() };
-    if let Some(KnownLight(radiance)) = &profile.known_light {
-        let values = radiance.iter().map(|radiance| number_of(start.activation, radiance.max(BLACK))).collect();
-        return Some(Environment { values, ..empty });
-    }
-    let first = |index| if empty.is_network() { initial_weight(index, number, seed) } else { number };
-    let values = (0..empty.len_of_values()).map(first).collect();
-    Some(Environment { values, ..empty })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::profile::by_name;
-
-    #[test]
-    fn invisible_gaussians_are_removed_after_densification_has_ended() {
-        let plan = by_name("specula", 7000).expect("a profile").densification;
-        let rules = |iteration| densify_rules(&plan, iteration, 7000, 2.0);
-        let removals: Vec<u32> = (1..=7000).filter(|k| rules(*k) == Some(DensifyRules::INVISIBLE)).collect();
-        assert_eq!(removals, [4000, 5000, 6000, 7000]);
-        assert!(rules(3500).is_none() && rules(3400).is_some_and(|rules| rules.grad_min == plan.grad_min));
-        let last = |iterations| densify_rules(&plan, iterations, iterations, 2.0);
-        assert_eq!(last(6999), Some(DensifyRules::INVISIBLE));
-        assert_eq!(last(1234), None);
-    }
 }

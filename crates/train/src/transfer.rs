@@ -3,7 +3,7 @@
 use specula_core::{
     executor::Executor,
     scene::{Environment, Gaussians, len_of_values},
-    state::{AdamMoments, SceneState, Statistics},
+    state::{AdamMoments, SceneState, Statistics, TrainingState},
 };
 
 /// Uploads a scene with its moments and statistics.
@@ -47,6 +47,20 @@ pub(crate) fn download_scene<E: Executor>(
             view_count: download(exec, &statistics.view_count, gaussians.count)?,
         },
     })
+}
+
+/// Copy of a state, with its scene in other memory.
+pub(crate) fn with_scene<A, B>(state: &TrainingState<A>, scene: SceneState<B>) -> TrainingState<B> {
+    let TrainingState { near_field, exposures, order, iteration, psnr, nonfinite, .. } = state;
+    TrainingState {
+        scene,
+        near_field: near_field.clone(),
+        exposures: exposures.clone(),
+        order: order.clone(),
+        iteration: *iteration,
+        psnr: *psnr,
+        nonfinite: *nonfinite,
+    }
 }
 
 /// Downloads Gaussians.

@@ -1,5 +1,5 @@
-//! WGSL from core's formulas: a number that records operations, functions from the record, and the
-//! builder of kernels' sources.
+//! WGSL from core's formulas: a number that records operations, functions made of the record,
+//! structures of uniforms, and the builder of kernels' sources.
 //!
 //! Nothing here depends on a stage of the pipeline.
 
@@ -7,3 +7,4 @@ pub mod formula;
 pub mod real;
 pub(crate) mod source;
 pub(crate) mod trace;
+pub(crate) mod uniform;

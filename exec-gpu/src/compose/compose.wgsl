@@ -4,14 +4,6 @@
 // Inputs: colours and blended planes of the frame.
 // Outputs: premultiplied colour and alpha, linear if the texture encodes sRGB.
 
-struct Picture {
-    size: vec2u,
-    // Index of the transmittance among the blended planes.
-    transmittance: u32,
-    // Whether the texture encodes its values as sRGB.
-    is_encoded: u32,
-}
-
 @group(0) @binding(0) var<uniform> picture: Picture;
 @group(0) @binding(1) var<storage, read> colors: array<f32>;
 @group(0) @binding(2) var<storage, read> blended: array<f32>;

@@ -17,11 +17,11 @@
 //! ```
 
 use crate::{
+    codegen::uniform::{UniformStruct, uniform},
     device::{error::GpuError, gpu::Gpu, kernels::layout_of, memory::filled},
     executor::GpuExecutor,
     stages::frame::Frame,
 };
-use bytemuck::{Pod, Zeroable};
 use wgpu::{
     BindGroup, BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BlendState, BufferUsages, ColorTargetState,
     ColorWrites, FragmentState, MultisampleState, PipelineCompilationOptions, PipelineLayoutDescriptor, PrimitiveState,
@@ -29,7 +29,6 @@ use wgpu::{
     TextureFormat, VertexState,
 };
 
-const SOURCE: &str = include_str!("compose.wgsl");
 const LABEL: Option<&str> = Some("compose");
 
 /// Draws frames into textures of one format, with one sample per pixel.
@@ -45,13 +44,19 @@ pub struct Composer {
     is_encoded: bool,
 }
 
-/// `Picture` of `compose.wgsl`.
-#[derive(Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-struct Picture {
-    size: [u32; 2],
-    transmittance: u32,
-    is_encoded: u32,
+uniform! {
+    /// Frame that is drawn.
+    struct Picture {
+        size: [u32; 2],
+        /// Index of the transmittance among the blended planes.
+        transmittance: u32,
+        /// 1 if the texture encodes its values as sRGB.
+        is_encoded: u32,
+    }
+}
+
+fn source() -> String {
+    Picture::declaration() + include_str!("compose.wgsl")
 }
 
 impl Composer {
@@ -59,7 +64,7 @@ impl Composer {
     /// to and blended.
     pub fn new<P>(exec: &GpuExecutor<P>, format: TextureFormat) -> Self {
         let gpu = exec.gpu();
-        let layout = layout_of(gpu, "compose", SOURCE, ShaderStages::FRAGMENT);
+        let layout = layout_of(gpu, "compose", &source(), ShaderStages::FRAGMENT);
         Self { pipeline: pipeline(gpu, &layout, format), layout, is_encoded: format.is_srgb() }
     }
 
@@ -86,7 +91,7 @@ impl Composer {
             transmittance: frame.channels as u32,
             is_encoded: self.is_encoded.into(),
         };
-        let picture = filled(gpu, bytemuck::bytes_of(&picture), BufferUsages::UNIFORM)?;
+        let picture = filled(gpu, picture.bytes().as_slice(), BufferUsages::UNIFORM)?;
         let colors = frame.color().buffer();
         let buffers = [&picture, colors, frame.blended.buffer()];
         let entries = [0, 1, 2]
@@ -97,7 +102,7 @@ impl Composer {
 }
 
 fn pipeline(gpu: &Gpu, layout: &BindGroupLayout, format: TextureFormat) -> RenderPipeline {
-    let source = ShaderSource::Wgsl(SOURCE.into());
+    let source = ShaderSource::Wgsl(source().into());
     let module = gpu.device.create_shader_module(ShaderModuleDescriptor { label: LABEL, source });
     let layout = gpu.device.create_pipeline_layout(&PipelineLayoutDescriptor {
         label: LABEL,

@@ -1,7 +1,7 @@
 //! Peak rates of a device, for comparison with its stages.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::uniform},
     device::{
         context::Context,
         error::GpuError,
@@ -36,8 +36,18 @@ pub struct Ceilings {
     pub operations: f64,
 }
 
+uniform! {
+    /// Work of a measurement.
+    struct Rounds {
+        /// Vectors that are copied, or invocations that multiply.
+        count: u32,
+        /// Multiply-adds of each sum.
+        steps: u32,
+    }
+}
+
 fn source() -> String {
-    Source::new().with(include_str!("ceilings.wgsl")).text()
+    Source::new().uniform::<Rounds>().with(include_str!("ceilings.wgsl")).text()
 }
 
 /// Measures the peak rates; `None` if kernels cannot be timed. Discards the durations of kernels so
@@ -78,8 +88,9 @@ fn fastest(
     arrays: &[Array; 2],
     rounds: [usize; 2],
 ) -> Result<f64, GpuError> {
-    let settings = rounds.map(|number| number as u32);
-    let bindings = [Uniform(bytemuck::cast_slice(&settings)), Buffer(&arrays[0]), Buffer(&arrays[1])];
+    let [count, steps] = rounds.map(|number| number as u32);
+    let settings = Rounds { count, steps };
+    let bindings = [Uniform(settings.bytes()), Buffer(&arrays[0]), Buffer(&arrays[1])];
     let mut fastest = f64::INFINITY;
     for _ in 0..RUNS {
         context.dispatch("ceilings", entry, &source, &bindings, Dispatch::Invocations(rounds[0]))?;

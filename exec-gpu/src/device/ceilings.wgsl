@@ -4,12 +4,6 @@
 // Inputs: vectors.
 // Outputs: their copies, or the sums of the multiply-adds.
 
-struct Rounds {
-    // Vectors that are copied, or invocations that multiply.
-    count: u32,
-    steps: u32,
-}
-
 @group(0) @binding(0) var<uniform> rounds: Rounds;
 @group(0) @binding(1) var<storage, read> source: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> copied: array<vec4f>;

@@ -1,7 +1,7 @@
 //! Recording of kernels into command encoders, and their compilation from WGSL.
 
 use crate::{
-    codegen::source::WORKGROUP_SIZE,
+    codegen::{source::WORKGROUP_SIZE, uniform::UniformBytes},
     device::{cache::Kernel, error::GpuError, gpu::Gpu, memory::Array, timer::KernelTimer},
 };
 use core::{mem, num::NonZero, ops::Range};
@@ -16,8 +16,8 @@ use wgpu::{
 /// passed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Binding<'a> {
-    /// Bytes of a uniform structure.
-    Uniform(&'a [u8]),
+    /// Uniform structure.
+    Uniform(UniformBytes<'a>),
     /// Array in a storage buffer.
     Buffer(&'a Array),
 }
@@ -169,7 +169,7 @@ impl Recorder {
     /// submission.
     fn make_room(&mut self, gpu: &Gpu, bindings: &[Binding<'_>]) -> Result<(), GpuError> {
         let uniforms = bindings.iter().filter_map(|binding| match binding {
-            Binding::Uniform(bytes) => Some(bytes.len()),
+            Binding::Uniform(bytes) => Some(bytes.as_slice().len()),
             Binding::Buffer(_) => None,
         });
         // Each timed submission blocks until it is done, so kernels are submitted only when the
@@ -191,7 +191,7 @@ impl Recorder {
         let resources = bindings.iter().map(|binding| match binding {
             Binding::Buffer(array) => array.buffer().as_entire_binding(),
             Binding::Uniform(bytes) => {
-                let Range { start, end } = uniforms.push(gpu, bytes);
+                let Range { start, end } = uniforms.push(gpu, bytes.as_slice());
                 BindingResource::Buffer(BufferBinding {
                     buffer: &buffer,
                     offset: start,

@@ -4,11 +4,7 @@
 // Inputs: colours, and the texel of each.
 // Outputs: sums of the light's texels.
 
-struct Added {
-    count: u32,
-}
-
-@group(0) @binding(0) var<uniform> added: Added;
+@group(0) @binding(0) var<uniform> added: Count;
 @group(0) @binding(1) var<storage, read> indices: array<u32>;
 @group(0) @binding(2) var<storage, read> colors: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> light_sums: array<atomic<u32>>;

@@ -6,6 +6,7 @@ use crate::{
         formula::{Field, Formula, Inputs},
         source::Source,
         trace::trace,
+        uniform::{Count, uniform},
     },
     device::{
         chunks::ChunkedArray,
@@ -31,15 +32,28 @@ use crate::{
 };
 use specula_core::pack::{Storage, unpack2};
 
+uniform! {
+    /// Rows of lookups, of radiance or of irradiance.
+    struct LookupRows {
+        count: u32,
+        is_irradiance: u32,
+    }
+}
+
 /// Kernel that executes statements for every row of `inputs`, which write a row of `outputs`.
 fn probe_source(statements: &str) -> String {
-    let source = Source::new().real();
+    let source = Source::new().real().uniform::<Count>();
     source.with(&include_str!("probe.wgsl").replace("    // STATEMENTS\n", statements)).text()
 }
 
 /// Kernel of a light's lookup gradient, for every row.
 fn probe_light_source(light: &LightLayout) -> String {
-    Source::new().real().part(|source| light.lookup_vjp(source)).with(include_str!("probe_light.wgsl")).text()
+    Source::new()
+        .real()
+        .part(|source| light.lookup_vjp(source))
+        .uniform::<LookupRows>()
+        .with(include_str!("probe_light.wgsl"))
+        .text()
 }
 
 /// Kernel that adds colours to the sums of a light's gradient.
@@ -47,6 +61,7 @@ fn add_colors_source(texel_count: usize) -> String {
     Source::new()
         .part(|source| light_sums(source, texel_count))
         .with(include_str!("../stages/light/light_sums.wgsl"))
+        .uniform::<Count>()
         .with(include_str!("add_colors.wgsl"))
         .text()
 }
@@ -64,8 +79,8 @@ impl<P> GpuExecutor<P> {
         let inputs = self.context.upload("rows", inputs)?;
         let outputs = self.context.zeros("rows", rows * height)?;
         let source = || probe_source(&statements(formula, width, height));
-        let settings = [rows as u32];
-        let bindings = [Uniform(bytemuck::cast_slice(&settings)), Buffer(&inputs), Buffer(&outputs)];
+        let size = Count::new(rows);
+        let bindings = [Uniform(size.bytes()), Buffer(&inputs), Buffer(&outputs)];
         let key = format!("{} {}", formula.name(), statements(formula, width, height));
         self.context.dispatch(&key, "probe", &source, &bindings, Dispatch::Invocations(rows))?;
         let mut values = vec![0.0; rows * height];
@@ -90,14 +105,9 @@ impl<P> GpuExecutor<P> {
         let sums = LightSums::new(context, &light.layout)?;
         let inputs = context.upload("rows", rows)?;
         let outputs = context.allocate("rows", 4 * rows.len())?;
-        let settings = [rows.len() as u32, u32::from(is_irradiance)];
-        let bindings = [
-            Uniform(bytemuck::cast_slice(&settings)),
-            Buffer(&inputs),
-            Buffer(&light.texels),
-            Buffer(&outputs),
-            Buffer(sums.array()),
-        ];
+        let lookups = LookupRows { count: rows.len() as u32, is_irradiance: u32::from(is_irradiance) };
+        let bindings =
+            [Uniform(lookups.bytes()), Buffer(&inputs), Buffer(&light.texels), Buffer(&outputs), Buffer(sums.array())];
         let key = format!("{:?}", light.layout);
         let source = || probe_light_source(&light.layout);
         context.dispatch(&key, "probe_light", &source, &bindings, Dispatch::Invocations(rows.len()))?;
@@ -121,9 +131,8 @@ impl<P> GpuExecutor<P> {
         let context = &mut self.context;
         let sums = LightSums::zeros(context, texel_count)?;
         let (texels, added) = (context.upload("texels", texels)?, context.upload("colours", colors)?);
-        let settings = [colors.len() as u32];
-        let bindings =
-            [Uniform(bytemuck::cast_slice(&settings)), Buffer(&texels), Buffer(&added), Buffer(sums.array())];
+        let size = Count::new(colors.len());
+        let bindings = [Uniform(size.bytes()), Buffer(&texels), Buffer(&added), Buffer(sums.array())];
         let (key, source) = (format!("{texel_count} texels"), || add_colors_source(texel_count));
         context.dispatch(&key, "add_colors", &source, &bindings, Dispatch::Invocations(colors.len()))?;
         sums.finish(context)

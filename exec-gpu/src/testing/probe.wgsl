@@ -3,11 +3,7 @@
 // Threads: one invocation a row.
 // Inputs, outputs: rows of numbers.
 
-struct Rows {
-    count: u32,
-}
-
-@group(0) @binding(0) var<uniform> rows: Rows;
+@group(0) @binding(0) var<uniform> rows: Count;
 @group(0) @binding(1) var<storage, read> inputs: array<f32>;
 @group(0) @binding(2) var<storage, read_write> outputs: array<f32>;
 

@@ -4,11 +4,6 @@
 // Inputs: direction, roughness and gradient of each row; texels of the light.
 // Outputs: gradient of direction and roughness; sums of the gradients of the light's texels.
 
-struct Rows {
-    count: u32,
-    is_irradiance: u32,
-}
-
 struct Lookup {
     direction: vec3f,
     roughness: f32,
@@ -16,7 +11,7 @@ struct Lookup {
     padding: f32,
 }
 
-@group(0) @binding(0) var<uniform> rows: Rows;
+@group(0) @binding(0) var<uniform> rows: LookupRows;
 @group(0) @binding(1) var<storage, read> inputs: array<Lookup>;
 @group(0) @binding(2) var<storage, read> texels: array<Texel>;
 @group(0) @binding(3) var<storage, read_write> outputs: array<vec4f>;

@@ -318,11 +318,12 @@ fn levels_are_those_around_the_roughness() {
 #[test]
 fn channels_that_are_left_out_have_no_place() {
     for channels in [Channels::Color, Channels::Training, Channels::Lit, Channels::Surface, Channels::Layers] {
-        assert_eq!(Channels::of_count(channels.count()), channels);
+        assert_eq!(Channels::with_count(channels.count()), Some(channels));
         let mut places: Vec<usize> = (0..Channels::Layers.count()).filter_map(|c| channels.index_of(c)).collect();
         places.sort_unstable();
         assert_eq!(places, (0..channels.count()).collect::<Vec<_>>(), "{channels:?}");
     }
+    assert_eq!(Channels::with_count(4), None);
     assert_eq!(Channels::Lit.index_of(channel::DEPTH), None);
     assert_eq!(Channels::Lit.index_of(channel::ROUGHNESS), Some(9));
 }

@@ -1,5 +1,7 @@
-//! Test of an LPIPS network in a process with limits on time and memory. A network is a program: an
-//! untrusted one may run for ever or allocate any amount of memory.
+//! Trial of a network for LPIPS in a process with limits on time and memory. A network is a
+//! program: one from a stranger may run for ever, or allocate any amount of memory, before it has
+//! seen a view. The reader bounds the bytes and fields of a file, but a file of a hundred bytes can
+//! ask for numbers by the billion (`ConstantOfShape`), for which the runtime aborts the process.
 
 use crate::{args::TryNetwork, failure::Failure};
 use specula_report::lpips::LpipsNetwork;

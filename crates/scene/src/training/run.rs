@@ -13,37 +13,37 @@ use specula_train::{
     trainer::{HostScene, Settings, TrainError, Trainer},
 };
 
-/// Training on some executor.
-pub(super) trait Run {
-    /// Uploads the pictures of the next step; returns true if any rank requested a stop.
-    fn prepare(&mut self, wish: bool) -> Result<bool, SceneError>;
-    /// Takes one step.
-    fn step(&mut self) -> Result<(), SceneError>;
+/// State of a training, as its program reports it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Progress<'a> {
     /// Number of steps taken.
-    fn iteration(&self) -> u32;
+    pub(super) iteration: u32,
     /// Running mean of the PSNR of training pictures, in dB.
-    fn psnr(&self) -> Option<f64>;
+    pub(super) psnr: Option<f64>,
     /// Number of gradients skipped so far because they were not finite.
-    fn nonfinite(&self) -> usize;
+    pub(super) nonfinite: usize,
     /// Number of Gaussians.
-    fn gaussian_count(&self) -> usize;
+    pub(super) gaussian_count: usize,
     /// Exposure of each picture, if exposures are learned.
-    fn exposures(&self) -> Option<&[Exposure<f32>]>;
-    /// Copies the scene to the host.
+    pub(super) exposures: Option<&'a [Exposure<f32>]>,
+    /// Messages to other ranks so far; `None` for a training on one rank.
+    pub(super) traffic: Option<Traffic>,
+}
+
+/// Training on some executor. All methods but `progress` are those of [`Trainer`].
+pub(super) trait Run {
+    fn progress(&self) -> Progress<'_>;
+    fn prepare(&mut self, wish: bool) -> Result<bool, SceneError>;
+    fn step(&mut self) -> Result<(), SceneError>;
     fn download(&mut self) -> Result<HostScene, SceneError>;
-    /// Shares the training with other ranks.
-    fn join(&mut self, exchange: Box<dyn Exchange>, description: &str) -> Result<(), SceneError>;
-    /// Returns true if any rank requested a stop.
-    fn agree(&mut self, wish: bool) -> Result<bool, SceneError>;
-    /// Messages to other ranks so far; `None` on a single rank.
-    fn traffic(&self) -> Option<Traffic>;
-    /// Copies the whole state of the training to the host.
     fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, SceneError>;
+    fn join(&mut self, exchange: Box<dyn Exchange>, description: &str) -> Result<(), SceneError>;
+    fn agree(&mut self, wish: bool) -> Result<bool, SceneError>;
 }
 
 impl fmt::Debug for dyn Run {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(out, "Run({})", self.iteration())
+        write!(out, "Run({})", self.progress().iteration)
     }
 }
 
@@ -52,41 +52,34 @@ where
     E: Executor,
     E::Error: Into<SceneError> + core::error::Error,
 {
+    fn progress(&self) -> Progress<'_> {
+        Progress {
+            iteration: self.iteration(),
+            psnr: self.psnr(),
+            nonfinite: self.nonfinite(),
+            gaussian_count: self.gaussians().count,
+            exposures: self.exposures().map(|exposures| exposures.maps.as_slice()),
+            traffic: self.traffic(),
+        }
+    }
     fn prepare(&mut self, wish: bool) -> Result<bool, SceneError> {
-        self.prepare(wish).map_err(SceneError::from)
+        Ok(self.prepare(wish)?)
     }
     fn step(&mut self) -> Result<(), SceneError> {
-        self.step().map(drop).map_err(SceneError::from)
-    }
-    fn iteration(&self) -> u32 {
-        self.iteration()
-    }
-    fn psnr(&self) -> Option<f64> {
-        self.psnr()
-    }
-    fn nonfinite(&self) -> usize {
-        self.nonfinite()
-    }
-    fn gaussian_count(&self) -> usize {
-        self.gaussians().count
-    }
-    fn exposures(&self) -> Option<&[Exposure<f32>]> {
-        self.exposures().map(|exposures| exposures.maps.as_slice())
+        self.step()?;
+        Ok(())
     }
     fn download(&mut self) -> Result<HostScene, SceneError> {
-        self.download().map_err(SceneError::from)
-    }
-    fn join(&mut self, exchange: Box<dyn Exchange>, description: &str) -> Result<(), SceneError> {
-        self.join(exchange, description).map_err(SceneError::from)
-    }
-    fn agree(&mut self, wish: bool) -> Result<bool, SceneError> {
-        self.agree(wish).map_err(SceneError::from)
-    }
-    fn traffic(&self) -> Option<Traffic> {
-        self.traffic()
+        Ok(self.download()?)
     }
     fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, SceneError> {
-        self.snapshot().map_err(SceneError::from)
+        Ok(self.snapshot()?)
+    }
+    fn join(&mut self, exchange: Box<dyn Exchange>, description: &str) -> Result<(), SceneError> {
+        Ok(self.join(exchange, description)?)
+    }
+    fn agree(&mut self, wish: bool) -> Result<bool, SceneError> {
+        Ok(self.agree(wish)?)
     }
 }
 

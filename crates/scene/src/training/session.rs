@@ -123,7 +123,7 @@ impl Training {
 
     /// Messages to other ranks so far; `None` on a single rank.
     pub fn traffic(&self) -> Option<Traffic> {
-        self.trainer.traffic()
+        self.trainer.progress().traffic
     }
 
     /// Writes checkpoints during the run and at its end. `seconds` is the time of earlier steps.
@@ -160,7 +160,7 @@ impl Training {
         Ok(Outcome {
             iteration: self.iteration(),
             seconds: self.seconds,
-            nonfinite: self.trainer.nonfinite(),
+            nonfinite: self.trainer.progress().nonfinite,
             is_interrupted: !self.is_finished(),
         })
     }
@@ -200,7 +200,7 @@ impl Training {
     /// fails, because there may be space for the next one.
     fn save_checkpoint<O: Observer>(&mut self, observer: &mut O) -> Result<(), O::Error> {
         let Some(checkpoints) = &mut self.checkpoints else { return Ok(()) };
-        if checkpoints.last() == Some(self.trainer.iteration()) {
+        if checkpoints.last() == Some(self.trainer.progress().iteration) {
             return Ok(());
         }
         let written = checkpoints.write(self.trainer.snapshot()?, self.seconds);
@@ -234,7 +234,7 @@ impl Training {
 
     /// Number of steps taken.
     pub fn iteration(&self) -> u32 {
-        self.trainer.iteration()
+        self.trainer.progress().iteration
     }
 
     /// Returns whether all steps are taken.
@@ -244,12 +244,12 @@ impl Training {
 
     /// Running mean of the PSNR of training pictures, in dB.
     pub fn psnr(&self) -> Option<f64> {
-        self.trainer.psnr()
+        self.trainer.progress().psnr
     }
 
     /// Number of Gaussians.
     pub fn gaussian_count(&self) -> usize {
-        self.trainer.gaussian_count()
+        self.trainer.progress().gaussian_count
     }
 
     /// Executor of the training.
@@ -269,7 +269,7 @@ impl Training {
 
     /// Exposure of each picture, if exposures are learned.
     pub fn exposures(&self) -> Option<&[Exposure<f32>]> {
-        self.trainer.exposures()
+        self.trainer.progress().exposures
     }
 
     /// Copies the scene to the host.
@@ -285,7 +285,7 @@ impl Training {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::training::checkpoint;
+    use crate::training::{checkpoint, run::Progress};
     use specula_core::{camera::Camera, state::TrainingState};
     use specula_train::{
         profile::by_name,
@@ -298,6 +298,9 @@ mod tests {
     struct Failing(Trainer<CpuExecutor>);
 
     impl Run for Failing {
+        fn progress(&self) -> Progress<'_> {
+            self.0.progress()
+        }
         fn prepare(&mut self, wish: bool) -> Result<bool, SceneError> {
             Run::prepare(&mut self.0, wish)
         }
@@ -307,35 +310,17 @@ mod tests {
             }
             Run::step(&mut self.0)
         }
-        fn iteration(&self) -> u32 {
-            self.0.iteration()
-        }
-        fn psnr(&self) -> Option<f64> {
-            self.0.psnr()
-        }
-        fn nonfinite(&self) -> usize {
-            self.0.nonfinite()
-        }
-        fn gaussian_count(&self) -> usize {
-            self.0.gaussians().count
-        }
-        fn exposures(&self) -> Option<&[Exposure<f32>]> {
-            Run::exposures(&self.0)
-        }
         fn download(&mut self) -> Result<HostScene, SceneError> {
             Run::download(&mut self.0)
+        }
+        fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, SceneError> {
+            Run::snapshot(&mut self.0)
         }
         fn join(&mut self, exchange: Box<dyn Exchange>, description: &str) -> Result<(), SceneError> {
             Run::join(&mut self.0, exchange, description)
         }
         fn agree(&mut self, wish: bool) -> Result<bool, SceneError> {
             Run::agree(&mut self.0, wish)
-        }
-        fn traffic(&self) -> Option<Traffic> {
-            self.0.traffic()
-        }
-        fn snapshot(&mut self) -> Result<TrainingState<Vec<f32>>, SceneError> {
-            Run::snapshot(&mut self.0)
         }
     }
 

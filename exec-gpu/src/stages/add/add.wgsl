@@ -4,7 +4,7 @@
 // Inputs: number of elements, the terms.
 // Outputs: sums, in place.
 
-@group(0) @binding(0) var<uniform> count: u32;
+@group(0) @binding(0) var<uniform> size: Count;
 @group(0) @binding(1) var<storage, read> terms: array<f32>;
 @group(0) @binding(2) var<storage, read_write> sums: array<f32>;
 
@@ -15,7 +15,7 @@ fn add(
     @builtin(local_invocation_index) local: u32,
 ) {
     let index = linear_index(group, groups, local);
-    if index >= count {
+    if index >= size.count {
         return;
     }
     sums[index] += terms[index];

@@ -1,7 +1,7 @@
 //! Sums of gradients: one array is added to another.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::Count},
     device::{
         chunks::ChunkedArray,
         context::Context,
@@ -14,7 +14,7 @@ use crate::{
 };
 
 fn source() -> String {
-    Source::new().with(include_str!("add.wgsl")).text()
+    Source::new().uniform::<Count>().with(include_str!("add.wgsl")).text()
 }
 
 /// Adds the numbers of an array to those of another with the same division.
@@ -24,8 +24,8 @@ fn source() -> String {
 /// See [`Context::dispatch`].
 pub(crate) fn add(context: &mut Context, sum: &ChunkedArray, term: &ChunkedArray) -> Result<(), GpuError> {
     for [sum, term] in ChunkedArray::side_by_side([sum, term]) {
-        let count = sum.len() as u32;
-        let bindings = [Uniform(bytemuck::bytes_of(&count)), Buffer(term), Buffer(sum)];
+        let size = Count::new(sum.len());
+        let bindings = [Uniform(size.bytes()), Buffer(term), Buffer(sum)];
         context.dispatch("add", "add", &source, &bindings, Dispatch::Invocations(sum.len()))?;
     }
     Ok(())

@@ -4,11 +4,6 @@
 // Inputs: depths as bits that sort; the nearest of them, from the step counters.
 // Outputs: sort keys, and the Gaussians in their order as items.
 
-struct Depths {
-    count: u32,
-    not_drawn: u32,
-}
-
 @group(0) @binding(0) var<uniform> depths: Depths;
 @group(0) @binding(1) var<storage, read> depth_keys: array<u32>;
 @group(0) @binding(2) var<storage, read_write> keys: array<u32>;

@@ -4,13 +4,6 @@
 // Inputs: depths as bits that sort, and the number of tiles of each Gaussian.
 // Outputs: step counters.
 
-struct Measured {
-    count: u32,
-    // Capacity for tile-splat pairs, and the key of Gaussians that are not drawn.
-    pairs_max: u32,
-    not_drawn: u32,
-}
-
 @group(0) @binding(0) var<uniform> measured: Measured;
 @group(0) @binding(1) var<storage, read> depth_keys: array<u32>;
 @group(0) @binding(2) var<storage, read> tile_counts: array<u32>;

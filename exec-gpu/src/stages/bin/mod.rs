@@ -1,7 +1,7 @@
 //! Binning: splats are sorted by depth, then by tile.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::uniform},
     device::{
         context::Context,
         error::GpuError,
@@ -21,13 +21,32 @@ use crate::{
 };
 use specula_core::camera::Camera;
 
+uniform! {
+    /// Gaussians whose pairs are counted.
+    struct Measured {
+        count: u32,
+        /// Capacity for tile-splat pairs, and the key of Gaussians that are not drawn.
+        pairs_max: u32,
+        not_drawn: u32,
+    }
+}
+
+uniform! {
+    /// Gaussians whose depths are sorted.
+    struct Depths {
+        count: u32,
+        /// Key of Gaussians that are not drawn.
+        not_drawn: u32,
+    }
+}
+
 pub(crate) fn measure_source() -> String {
     let source = Source::new().part(splat).part(column).part(step_counters);
-    source.with(include_str!("measure.wgsl")).text()
+    source.uniform::<Measured>().with(include_str!("measure.wgsl")).text()
 }
 
 pub(crate) fn depth_source() -> String {
-    Source::new().part(splat).part(step_counters).with(include_str!("depths.wgsl")).text()
+    Source::new().part(splat).part(step_counters).uniform::<Depths>().with(include_str!("depths.wgsl")).text()
 }
 
 pub(crate) fn emit_source() -> String {
@@ -122,9 +141,13 @@ fn measure(
 ) -> Result<Capacity, GpuError> {
     counters.reset_image(context)?;
     let run = |context: &mut Context, entry: &'static str, capacity: Capacity, size: Dispatch| {
-        let settings = [splats.count as u32, capacity.pairs as u32, not_drawn(capacity.depth_bits)];
+        let measured = Measured {
+            count: splats.count as u32,
+            pairs_max: capacity.pairs as u32,
+            not_drawn: not_drawn(capacity.depth_bits),
+        };
         let bindings = [
-            Uniform(bytemuck::cast_slice(&settings)),
+            Uniform(measured.bytes()),
             Buffer(&splats.depth_keys),
             Buffer(&splats.tile_counts),
             Buffer(counters.array()),
@@ -155,9 +178,9 @@ fn depth_order(
 ) -> Result<Array, GpuError> {
     let count = splats.count;
     let pairs = Pairs { keys: context.allocate("depths", count)?, items: context.allocate("order", count)? };
-    let settings = [count as u32, not_drawn(depth_bits)];
+    let depths = Depths { count: count as u32, not_drawn: not_drawn(depth_bits) };
     let bindings = [
-        Uniform(bytemuck::cast_slice(&settings)),
+        Uniform(depths.bytes()),
         Buffer(&splats.depth_keys),
         Buffer(&pairs.keys),
         Buffer(&pairs.items),

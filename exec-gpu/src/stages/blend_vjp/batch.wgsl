@@ -10,12 +10,6 @@
 @group(0) @binding(6) var<storage, read> frame_grad: array<f32>;
 @group(0) @binding(7) var<storage, read_write> slots: array<f32>;
 
-// Emissions that have a slot.
-struct Batch {
-    first: u32,
-    end: u32,
-}
-
 fn has_slot(emission: u32) -> bool {
     return batch.first <= emission && emission < batch.end;
 }

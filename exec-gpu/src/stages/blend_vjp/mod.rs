@@ -8,7 +8,7 @@
 //! parallel: the states of the pixels in front of them come from a first pass, which needs no sums.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::uniform},
     device::{
         chunks::{Chunk, ChunkedArray, Chunking},
         context::Context,
@@ -109,6 +109,33 @@ pub struct SplatGrads {
     pub(crate) values: ChunkedArray,
 }
 
+uniform! {
+    /// Emissions that have a slot.
+    struct Batch {
+        first: u32,
+        end: u32,
+    }
+}
+
+uniform! {
+    /// Segments that are kept.
+    struct Kept {
+        first: u32,
+        end: u32,
+    }
+}
+
+uniform! {
+    /// Emissions that have a slot, and the chunk of the sums.
+    struct SlotBatch {
+        first: u32,
+        end: u32,
+        first_gaussian: u32,
+        /// End of the chunk, with the padding of its last block.
+        gaussians_end: u32,
+    }
+}
+
 /// Source of the replay of splats by `block`s of pixels, without bindings.
 fn replay(block: PixelBlock, channel_count: usize) -> Source {
     Source::new()
@@ -128,6 +155,7 @@ pub(crate) fn replay_source(by: ReplayBy, channel_count: usize) -> String {
     let source = replay(block, channel_count)
         .formula(&ReplaySplat { block, channels: channel_count })
         .count("SLOT", slot)
+        .uniform::<Batch>()
         .with(include_str!("batch.wgsl"));
     let source = match by {
         ReplayBy::Pixels(_) => source
@@ -172,6 +200,7 @@ pub(crate) fn state_source(segment: usize, channel_count: usize) -> String {
         .count("SEGMENT", segment)
         .with(include_str!("segments.wgsl"))
         .part(|source| staging(source, channel_count))
+        .uniform::<Kept>()
         .with(include_str!("states.wgsl"))
         .with(&round("replay_round", "replay_staged"))
         .text()
@@ -180,7 +209,7 @@ pub(crate) fn state_source(segment: usize, channel_count: usize) -> String {
 pub(crate) fn slot_source(channel_count: usize) -> String {
     let source = Source::new().real().part(camera).part(splat);
     let source = source.count("SLOT", MOMENTS + channel_count).count("MOMENTS", MOMENTS);
-    source.formula(&MomentsVjp).with(include_str!("slots.wgsl")).text()
+    source.formula(&MomentsVjp).uniform::<SlotBatch>().with(include_str!("slots.wgsl")).text()
 }
 
 /// Gradients of splats and channels from that of a frame.
@@ -273,7 +302,8 @@ struct Replay<'a> {
 impl Replay<'_> {
     /// Replays a range of emissions into their slots, and adds the slots to the sums.
     fn run_batch(&self, context: &mut Context, batch: [usize; 2], is_first: bool) -> Result<(), GpuError> {
-        let batch = batch.map(|emission| emission as u32);
+        let [first, end] = batch.map(|emission| emission as u32);
+        let batch = Batch { first, end };
         match &self.segments {
             None => {
                 let others = [&self.tiles.ranges, &self.frame.blended];
@@ -283,7 +313,7 @@ impl Replay<'_> {
                 for first in (0..segments.count).step_by(segments.at_once) {
                     let end = (first + segments.at_once).min(segments.count);
                     if is_first || segments.at_once < segments.count {
-                        self.run_states(context, segments, [first as u32, end as u32])?;
+                        self.run_states(context, segments, Kept { first: first as u32, end: end as u32 })?;
                     }
                     let others = [&segments.segments, &segments.states];
                     self.run_replay(context, batch, others, Dispatch::Workgroups(end - first))?;
@@ -302,14 +332,14 @@ impl Replay<'_> {
     fn run_replay(
         &self,
         context: &mut Context,
-        batch: [u32; 2],
+        batch: Batch,
         [first, second]: [&Array; 2],
         size: Dispatch,
     ) -> Result<(), GpuError> {
         let (by, channels) = (self.by, self.colors.channels);
         let bindings = [
             Uniform(self.view.bytes()),
-            Uniform(bytemuck::cast_slice(&batch)),
+            Uniform(batch.bytes()),
             Buffer(&self.splats.splats),
             Buffer(&self.colors.values),
             Buffer(&self.tiles.gaussians),
@@ -323,13 +353,13 @@ impl Replay<'_> {
         context.dispatch(&key, "blend_vjp", &|| replay_source(by, channels), &bindings, size)
     }
 
-    /// Computes a range of segments, and their initial states.
-    fn run_states(&self, context: &mut Context, segments: &Segments, kept: [u32; 2]) -> Result<(), GpuError> {
+    /// Finds a range of segments, and the states in front of them.
+    fn run_states(&self, context: &mut Context, segments: &Segments, kept: Kept) -> Result<(), GpuError> {
         let (length, channels) = (segments.length, self.colors.channels);
         context.clear(&segments.segments, 0);
         let bindings = [
             Uniform(self.view.bytes()),
-            Uniform(bytemuck::cast_slice(&kept)),
+            Uniform(kept.bytes()),
             Buffer(&self.splats.splats),
             Buffer(&self.colors.values),
             Buffer(&self.tiles.gaussians),
@@ -347,7 +377,7 @@ impl Replay<'_> {
     /// Converts the moments to gradients, after all sums are complete.
     fn finish(&self, context: &mut Context) -> Result<(), GpuError> {
         for chunk in self.sums.chunks(self.splats.count) {
-            self.run_slots(context, "finish_splats", [0; 2], &chunk, chunk.gaussians.len())?;
+            self.run_slots(context, "finish_splats", Batch { first: 0, end: 0 }, &chunk, chunk.gaussians.len())?;
         }
         Ok(())
     }
@@ -356,16 +386,17 @@ impl Replay<'_> {
         &self,
         context: &mut Context,
         entry: &'static str,
-        [first, end]: [u32; 2],
+        Batch { first, end }: Batch,
         chunk: &Chunk<'_>,
         invocations: usize,
     ) -> Result<(), GpuError> {
         let channels = self.colors.channels;
         let Range { start, end: gaussians_end } = chunk.gaussians;
-        let settings = [first, end, start as u32, gaussians_end.next_multiple_of(BLOCK) as u32];
+        let gaussians_end = gaussians_end.next_multiple_of(BLOCK) as u32;
+        let settings = SlotBatch { first, end, first_gaussian: start as u32, gaussians_end };
         let bindings = [
             Uniform(self.view.bytes()),
-            Uniform(bytemuck::cast_slice(&settings)),
+            Uniform(settings.bytes()),
             Buffer(&self.splats.splats),
             Buffer(&self.tiles.order),
             Buffer(&self.tiles.offsets),

@@ -5,17 +5,8 @@
 // Inputs: slots of a batch of emissions, by emission index; offsets of each Gaussian's emissions.
 // Outputs: sums of each Gaussian's slots in the order of emission, then gradients in their place.
 
-// Emissions that have a slot, and the chunk of the sums.
-struct Batch {
-    first: u32,
-    end: u32,
-    first_gaussian: u32,
-    // End of the chunk, with the padding of its last block.
-    gaussians_end: u32,
-}
-
 @group(0) @binding(0) var<uniform> camera: Camera;
-@group(0) @binding(1) var<uniform> batch: Batch;
+@group(0) @binding(1) var<uniform> batch: SlotBatch;
 @group(0) @binding(2) var<storage, read> splats: array<Splat>;
 @group(0) @binding(3) var<storage, read> order: array<u32>;
 @group(0) @binding(4) var<storage, read> offsets: array<u32>;

@@ -18,12 +18,6 @@
 @group(0) @binding(8) var<storage, read_write> segments: array<Segment>;
 @group(0) @binding(9) var<storage, read_write> states: array<vec2f>;
 
-// Range of stored segments.
-struct Kept {
-    first: u32,
-    end: u32,
-}
-
 // End of the segment with a splat.
 fn segment_end(splat: u32, range: vec2u) -> u32 {
     return min(splat / SEGMENT * SEGMENT + SEGMENT, range.y);

@@ -3,8 +3,8 @@
 use crate::codegen::{
     formula::{Field, Inputs, variable},
     source::Source,
+    uniform::uniform,
 };
-use bytemuck::{Pod, Zeroable};
 use core::ops::Range;
 use specula_core::{
     bin::tile_count,
@@ -13,24 +13,25 @@ use specula_core::{
     vector::{Mat3, Vec3},
 };
 
-/// `Camera` of `camera.wgsl`, with the range of Gaussians that a dispatch processes.
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub(crate) struct CameraUniform {
-    row_x: [f32; 3],
-    gaussian_count: u32,
-    row_y: [f32; 3],
-    first_gaussian: u32,
-    row_z: [f32; 3],
-    near: f32,
-    position: [f32; 3],
-    padding_position: u32,
-    focal_px: [f32; 2],
-    principal_px: [f32; 2],
-    slope_limit: [f32; 2],
-    tiles: [u32; 2],
-    size: [u32; 2],
-    padding_size: [u32; 2],
+uniform! {
+    /// Camera, with the range of Gaussians that a dispatch processes.
+    pub(crate) struct CameraUniform {
+        row_x: [f32; 3],
+        gaussian_count: u32,
+        row_y: [f32; 3],
+        /// Index of the first Gaussian in larger arrays.
+        first_gaussian: u32,
+        row_z: [f32; 3],
+        near: f32,
+        position: [f32; 3],
+        padding_position: u32,
+        focal_px: [f32; 2],
+        principal_px: [f32; 2],
+        slope_limit: [f32; 2],
+        tiles: [u32; 2],
+        size: [u32; 2],
+        padding_size: [u32; 2],
+    }
 }
 
 impl CameraUniform {
@@ -59,10 +60,6 @@ impl CameraUniform {
             padding_size: [0; 2],
         }
     }
-    /// Bytes of the uniform.
-    pub(crate) fn bytes(&self) -> &[u8] {
-        bytemuck::bytes_of(self)
-    }
     /// Number of tiles of the image.
     pub(crate) fn tile_count(&self) -> usize {
         self.tiles[0] as usize * self.tiles[1] as usize
@@ -79,7 +76,7 @@ impl CameraUniform {
 
 /// Appends the structure `Camera`.
 pub(crate) fn camera(source: Source) -> Source {
-    source.with(include_str!("camera.wgsl"))
+    source.uniform::<CameraUniform>()
 }
 
 /// The shader's variable `camera` as parameters, in the order of [`take_camera`].

@@ -1,7 +1,7 @@
 //! Gaussians after densification.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::uniform},
     device::{
         chunks::{Chunk, ChunkedArray},
         context::Context,
@@ -22,7 +22,6 @@ use crate::{
         step_counters::StepCounters,
     },
 };
-use bytemuck::{Pod, Zeroable};
 use specula_core::{
     densify::{Action, split_noise},
     executor::RandomKey,
@@ -45,31 +44,56 @@ pub(crate) fn children_source(layout: Layout) -> String {
         .part(origins)
         .formula(&CellAt)
         .word_formula("morton_code", ["x", "y", "z"], interleave)
+        .uniform::<ChunkSize>()
         .with(include_str!("children.wgsl"))
         .text()
 }
 
 pub(crate) fn gather_source(layout: Layout) -> String {
     let source = Source::new().count("PLANES", layout.plane_count()).part(origins);
-    source.with(include_str!("gather.wgsl")).text()
+    source.uniform::<Gathering>().with(include_str!("gather.wgsl")).text()
 }
 
 pub(crate) fn split_source(layout: Layout) -> String {
     let source = Source::new().real().part(|source| planes(source, layout));
     let source = source.count("MEAN", MEAN).count("LOG_SCALE", LOG_SCALE).part(origins);
-    source.formula(&SplitChild { layout }).with(include_str!("split_children.wgsl")).text()
+    source.formula(&SplitChild { layout }).uniform::<SplitChunk>().with(include_str!("split_children.wgsl")).text()
 }
 
-/// `Gathering` of `gather.wgsl`.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-struct Gathering {
-    first: u32,
-    end: u32,
-    numbers: u32,
-    keeps_new: u32,
-    old_first: u32,
-    old_end: u32,
+uniform! {
+    /// Chunks that children are gathered from and into.
+    struct Gathering {
+        /// Range of the children of the new chunk, and its length in numbers.
+        first: u32,
+        end: u32,
+        numbers: u32,
+        /// 1 if clones and split children take their parents' numbers too; else they are zero.
+        keeps_new: u32,
+        /// Range of the parents of the old chunk; children of other parents are skipped.
+        old_first: u32,
+        old_end: u32,
+    }
+}
+
+uniform! {
+    /// Chunk of the Gaussians before densification.
+    struct ChunkSize {
+        /// Number of all Gaussians.
+        count: u32,
+        /// First Gaussian of the chunk, and number of them.
+        first: u32,
+        piece: u32,
+    }
+}
+
+uniform! {
+    /// Chunk of `count` children, the first of index `first`.
+    struct SplitChunk {
+        first: u32,
+        count: u32,
+        /// Number of all Gaussians before densification.
+        old_count: u32,
+    }
 }
 
 /// Gaussians after densification, in Morton order.
@@ -158,8 +182,7 @@ impl Children {
             old_first: old.gaussians.start as u32,
             old_end: old.gaussians.end as u32,
         };
-        let bindings =
-            [Uniform(bytemuck::bytes_of(&gathering)), Buffer(&self.children), Buffer(old.array), Buffer(new.array)];
+        let bindings = [Uniform(gathering.bytes()), Buffer(&self.children), Buffer(old.array), Buffer(new.array)];
         let (key, size) = (format!("{layout:?}"), Dispatch::Invocations(new.array.len()));
         context.dispatch(&key, "gather", &|| gather_source(layout), &bindings, size)
     }
@@ -190,14 +213,11 @@ impl Children {
         let noise = context.upload("noise", &noise)?;
         let (key, source) = (format!("{layout:?}"), || split_source(layout));
         for Chunk { gaussians, array } in values.chunks(self.count) {
-            let settings = [gaussians.start, gaussians.len(), self.old_count].map(|number| number as u32);
-            let bindings = [
-                Uniform(bytemuck::cast_slice(&settings)),
-                Buffer(&self.children),
-                Buffer(&self.offsets),
-                Buffer(&noise),
-                Buffer(array),
-            ];
+            let [first, count, old_count] =
+                [gaussians.start, gaussians.len(), self.old_count].map(|number| number as u32);
+            let chunk = SplitChunk { first, count, old_count };
+            let bindings =
+                [Uniform(chunk.bytes()), Buffer(&self.children), Buffer(&self.offsets), Buffer(&noise), Buffer(array)];
             let size = Dispatch::Invocations(gaussians.len());
             context.dispatch(&key, "sample_split_children", &source, &bindings, size)?;
         }
@@ -217,11 +237,12 @@ fn dispatch_for_chunks(
     let (count, layout) = (gaussians.count, gaussians.layout);
     let (key, source) = (format!("{layout:?}"), || children_source(layout));
     for Chunk { gaussians, array } in gaussians.values.chunks(count) {
-        let settings = [count, gaussians.start, gaussians.len()].map(|number| number as u32);
-        let mut bindings = vec![Uniform(bytemuck::cast_slice(&settings)), Buffer(array)];
+        let [count, first, piece] = [count, gaussians.start, gaussians.len()].map(|number| number as u32);
+        let size = ChunkSize { count, first, piece };
+        let mut bindings = vec![Uniform(size.bytes()), Buffer(array)];
         bindings.extend(others);
-        let size = Dispatch::Invocations(gaussians.len().div_ceil(each));
-        context.dispatch(&key, entry, &source, &bindings, size)?;
+        let invocations = Dispatch::Invocations(gaussians.len().div_ceil(each));
+        context.dispatch(&key, entry, &source, &bindings, invocations)?;
     }
     Ok(())
 }

@@ -9,15 +9,7 @@
 // Outputs: flags of the actions, box around all means; children with Morton codes, by the exclusive
 // prefix sums of the flags; split parents.
 
-struct Size {
-    // Number of all Gaussians.
-    count: u32,
-    // First Gaussian of the chunk, and number of them.
-    first: u32,
-    piece: u32,
-}
-
-@group(0) @binding(0) var<uniform> size: Size;
+@group(0) @binding(0) var<uniform> size: ChunkSize;
 @group(0) @binding(1) var<storage, read> values: array<f32>;
 @group(0) @binding(2) var<storage, read> actions: array<u32>;
 // Flags of all Gaussians: kept, then cloned, then split; later their exclusive prefix sums.

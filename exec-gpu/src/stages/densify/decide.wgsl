@@ -4,16 +4,6 @@
 // Inputs: planes of the Gaussians, and statistics of their gradients.
 // Outputs: actions, their counts, and sort keys of Gaussians that grow.
 
-// Thresholds, and the chunk: `count` Gaussians, the first of index `first`.
-struct Rules {
-    first: u32,
-    count: u32,
-    grad_min: f32,
-    split_scale: f32,
-    opacity_min: f32,
-    scale_max: f32,
-}
-
 @group(0) @binding(0) var<uniform> rules: Rules;
 @group(0) @binding(1) var<storage, read> values: array<f32>;
 @group(0) @binding(2) var<storage, read> grad_sums: array<f32>;

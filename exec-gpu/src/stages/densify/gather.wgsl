@@ -4,18 +4,6 @@
 // Inputs: children, and a chunk of their parents' numbers.
 // Outputs: numbers of the children whose parents are in the chunk, bit by bit.
 
-struct Gathering {
-    // Range of the children of the new chunk, and its length in numbers.
-    first: u32,
-    end: u32,
-    numbers: u32,
-    // True if clones and split children copy their parents' numbers; otherwise they are zero.
-    keeps_new: u32,
-    // Range of the parents of the old chunk; children of other parents are skipped.
-    old_first: u32,
-    old_end: u32,
-}
-
 @group(0) @binding(0) var<uniform> gathering: Gathering;
 @group(0) @binding(1) var<storage, read> children: array<u32>;
 @group(0) @binding(2) var<storage, read> old: array<u32>;

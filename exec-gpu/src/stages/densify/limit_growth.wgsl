@@ -4,11 +4,6 @@
 // Inputs: order of the Gaussians.
 // Outputs: actions and their counts, in place.
 
-struct Growth {
-    count: u32,
-    growth_max: u32,
-}
-
 @group(0) @binding(0) var<uniform> growth: Growth;
 @group(0) @binding(1) var<storage, read> order: array<u32>;
 @group(0) @binding(2) var<storage, read_write> actions: array<u32>;

@@ -1,7 +1,7 @@
 //! Action of each Gaussian.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::uniform},
     device::{
         chunks::{Chunk, ChunkedArray},
         context::Context,
@@ -19,7 +19,6 @@ use crate::{
         step_counters::StepCounters,
     },
 };
-use bytemuck::{Pod, Zeroable};
 use specula_core::{
     densify::{Action, DensifyRules},
     executor::DensifyReport,
@@ -30,16 +29,24 @@ use specula_core::{
 /// Number of actions.
 const ACTIONS: usize = 4;
 
-/// `Rules` of `decide.wgsl`.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-struct Rules {
-    first: u32,
-    count: u32,
-    grad_min: f32,
-    split_scale: f32,
-    opacity_min: f32,
-    scale_max: f32,
+uniform! {
+    /// Thresholds, and the chunk: `count` Gaussians, the first of index `first`.
+    struct Rules {
+        first: u32,
+        count: u32,
+        grad_min: f32,
+        split_scale: f32,
+        opacity_min: f32,
+        scale_max: f32,
+    }
+}
+
+uniform! {
+    /// Number of Gaussians, and of those that may grow.
+    struct Growth {
+        count: u32,
+        growth_max: u32,
+    }
 }
 
 /// Appends the numbers of the actions.
@@ -53,11 +60,11 @@ pub(crate) fn actions(source: Source) -> Source {
 
 pub(crate) fn decision_source(layout: Layout) -> String {
     let source = Source::new().real().part(|source| planes(source, layout)).bits().part(actions);
-    source.formula(&MeasuresOf { layout }).formula(&Decide).with(include_str!("decide.wgsl")).text()
+    source.formula(&MeasuresOf { layout }).formula(&Decide).uniform::<Rules>().with(include_str!("decide.wgsl")).text()
 }
 
 pub(crate) fn limit_source() -> String {
-    Source::new().part(actions).with(include_str!("limit_growth.wgsl")).text()
+    Source::new().part(actions).uniform::<Growth>().with(include_str!("limit_growth.wgsl")).text()
 }
 
 /// Action of each Gaussian.
@@ -107,9 +114,8 @@ impl DensifyPlan {
     ) -> Result<(), GpuError> {
         let pairs = Pairs { keys, items: iota(context, "gradients", count)? };
         let order = sort(context, counters, pairs, Len::Known(count), u32::BITS)?.items;
-        let settings = [count as u32, growth_max as u32];
-        let bindings =
-            [Uniform(bytemuck::cast_slice(&settings)), Buffer(&order), Buffer(&self.actions), Buffer(counts)];
+        let growth = Growth { count: count as u32, growth_max: growth_max as u32 };
+        let bindings = [Uniform(growth.bytes()), Buffer(&order), Buffer(&self.actions), Buffer(counts)];
         context.dispatch("densify", "limit_growth", &limit_source, &bindings, Dispatch::Invocations(count))?;
         context.download(counts, 0, &mut self.counts)
     }
@@ -143,7 +149,7 @@ fn decide_all(
         let (first, count) = (gaussians.start as u32, gaussians.len() as u32);
         let rules = Rules { first, count, grad_min, split_scale, opacity_min, scale_max };
         let bindings = [
-            Uniform(bytemuck::bytes_of(&rules)),
+            Uniform(rules.bytes()),
             Buffer(array),
             Buffer(statistics.grad_sum.whole()),
             Buffer(statistics.view_count.whole()),

@@ -4,14 +4,7 @@
 // Inputs: children, prefix sums of the split flags, noise.
 // Outputs: means and log scales of split children, in place.
 
-// Chunk: `count` children, the first of index `first`.
-struct Chunk {
-    first: u32,
-    count: u32,
-    old_count: u32,
-}
-
-@group(0) @binding(0) var<uniform> chunk: Chunk;
+@group(0) @binding(0) var<uniform> chunk: SplitChunk;
 @group(0) @binding(1) var<storage, read> children: array<u32>;
 @group(0) @binding(2) var<storage, read> offsets: array<u32>;
 // Three numbers for each split child, in the order of the parents.

@@ -1,13 +1,5 @@
 // Declarations: exposure and pixels of the stage `expose` and its gradient.
 
-struct ExposureSettings {
-    red: vec4f,
-    green: vec4f,
-    blue: vec4f,
-    size: vec2u,
-    padding: vec2u,
-}
-
 @group(0) @binding(0) var<uniform> exposure: ExposureSettings;
 @group(0) @binding(1) var<storage, read> blended: array<f32>;
 @group(0) @binding(2) var<storage, read> colors: array<f32>;

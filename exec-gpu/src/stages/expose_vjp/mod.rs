@@ -69,7 +69,7 @@ pub(crate) fn expose_vjp(
     let [columns, rows] = settings.size.map(tile_count);
     let sums = context.allocate("gradients of an exposure", LEN * (columns * rows) as usize)?;
     let bindings = [
-        Uniform(bytemuck::bytes_of(&settings)),
+        Uniform(settings.bytes()),
         Buffer(&frame.blended),
         Buffer(frame.color_before_exposure()),
         Buffer(&grad.values),

@@ -4,15 +4,6 @@
 // Inputs: planes of the Gaussians, weights of the losses.
 // Outputs: gradients, added in place.
 
-// Weights of the losses for each Gaussian.
-struct Attributes {
-    gaussian_count: u32,
-    sparse: f32,
-    residual: f32,
-    metalness: f32,
-    mean_light: f32,
-}
-
 @group(0) @binding(0) var<uniform> attributes: Attributes;
 @group(0) @binding(1) var<storage, read> values: array<f32>;
 @group(0) @binding(2) var<storage, read_write> grads: array<f32>;

@@ -1,7 +1,7 @@
 //! Gradients of shading and projection.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::uniform},
     device::{
         chunks::{Chunk, ChunkedArray},
         context::Context,
@@ -21,7 +21,6 @@ use crate::{
         shade::gaussian_light,
     },
 };
-use bytemuck::{Pod, Zeroable};
 use formulas::{AttributeLossesVjp, LookupVjp, PlanesVjp};
 use specula_core::{
     attributes::{AttributeLosses, GaussianShading},
@@ -62,6 +61,7 @@ pub(crate) fn attribute_source(losses: &AttributeLossesVjp) -> String {
         .count("RESIDUAL_PLANE", NORMAL_RESIDUAL_1)
         .count("METALNESS_PLANE", losses.losses.metalness_plane.unwrap_or_default())
         .formula(losses)
+        .uniform::<Attributes>()
         .with(include_str!("attribute_losses.wgsl"))
         .text()
 }
@@ -120,15 +120,15 @@ fn pairs<'a>(
     gaussians.values.chunks(gaussians.count).zip(beside)
 }
 
-/// `Attributes` of `attribute_losses.wgsl`.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-struct Attributes {
-    gaussian_count: u32,
-    sparse: f32,
-    residual: f32,
-    metalness: f32,
-    mean_light: f32,
+uniform! {
+    /// Weights of the losses for each Gaussian.
+    struct Attributes {
+        gaussian_count: u32,
+        sparse: f32,
+        residual: f32,
+        metalness: f32,
+        mean_light: f32,
+    }
 }
 
 /// Adds the gradients of the losses on attributes.
@@ -148,7 +148,7 @@ fn add_attribute_losses(
     for (chunk, grads) in pairs(gaussians, grads) {
         let count = chunk.gaussians.len();
         let attributes = Attributes { gaussian_count: count as u32, sparse, residual, metalness, mean_light };
-        let bindings = [Uniform(bytemuck::bytes_of(&attributes)), Buffer(chunk.array), Buffer(grads)];
+        let bindings = [Uniform(attributes.bytes()), Buffer(chunk.array), Buffer(grads)];
         context.dispatch(&key, "attribute_losses", &source, &bindings, Dispatch::Invocations(count))?;
     }
     Ok(())

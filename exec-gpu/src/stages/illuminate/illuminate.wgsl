@@ -6,15 +6,6 @@
 // Variants: none.
 // Early exit: pixels without a splat, and rays below the horizon.
 
-struct Lamps {
-    count: u32,
-    // Shadow rays to an area lamp.
-    rays: u32,
-    // 1 if surfaces reflect light onto each other.
-    is_reflected: u32,
-    padding: u32,
-}
-
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(2) var<storage, read> frame: array<f32>;
 // Two vectors for each lamp; then the points of the spiral.

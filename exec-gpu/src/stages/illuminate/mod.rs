@@ -1,7 +1,7 @@
 //! Light of lamps on a blended surface, with shadows.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::uniform},
     device::{
         context::Context,
         error::GpuError,
@@ -18,7 +18,7 @@ use crate::{
         trace::{NearFieldUniform, traversal},
     },
 };
-use bytemuck::{Pod, Zeroable};
+use bytemuck::Zeroable;
 use formulas::{
     AxesOfDisc, DIRECT_LEN, DirectLightOf, LAMP_LEN, LitPixelOf, ShadowRayOf, ShareSeen, ShiftOfPixel, TowardLamp,
 };
@@ -50,6 +50,7 @@ pub(crate) fn source(surface: &SurfaceOfPixel) -> String {
         .formula(&ShadowRayOf)
         .formula(&ShareSeen)
         .formula(&DirectLightOf)
+        .uniform::<LampsUniform>()
         .with(include_str!("illuminate.wgsl"))
         .text()
 }
@@ -65,15 +66,15 @@ pub(crate) struct Lamps {
     reflected: Array,
 }
 
-/// `Lamps` of `illuminate.wgsl`.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-struct LampsUniform {
-    count: u32,
-    rays: u32,
-    /// 1 if surfaces reflect light onto each other.
-    is_reflected: u32,
-    padding: u32,
+uniform! {
+    /// Number of lamps, and their rays.
+    struct LampsUniform {
+        count: u32,
+        /// Shadow rays to a lamp that is wider than a point.
+        rays: u32,
+        /// 1 where surfaces reflect light onto each other.
+        is_reflected: u32,
+    }
 }
 
 impl Lamps {
@@ -96,12 +97,7 @@ impl Lamps {
         let spiral = (0..rays).flat_map(|k| spiral_point(k, rays));
         let numbers: Vec<f32> = lamps.iter().flat_map(Lamp::numbers).chain(spiral).collect();
         let is_reflected = !reflected.is_empty();
-        let set = LampsUniform {
-            count: lamps.len() as u32,
-            rays: rays as u32,
-            is_reflected: is_reflected.into(),
-            padding: 0,
-        };
+        let set = LampsUniform { count: lamps.len() as u32, rays: rays as u32, is_reflected: is_reflected.into() };
         let reflected = if is_reflected { reflected } else { &[0.0] };
         Ok(Self {
             set,
@@ -136,11 +132,11 @@ pub(crate) fn illuminate(
     let direct = context.allocate("light of lamps", DIRECT_LEN * frame.pixel_count())?;
     let bindings = [
         Uniform(view.bytes()),
-        Uniform(bytemuck::bytes_of(&near_field)),
+        Uniform(near_field.bytes()),
         Buffer(&frame.blended),
         Buffer(numbers),
         Buffer(&lamps.numbers),
-        Uniform(bytemuck::bytes_of(&lamps.set)),
+        Uniform(lamps.set.bytes()),
         Buffer(&direct),
         Buffer(&lamps.reflected),
     ];

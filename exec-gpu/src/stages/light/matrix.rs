@@ -1,7 +1,7 @@
 //! Sparse matrices over the texels of a light.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::uniform},
     device::{
         context::Context,
         error::GpuError,
@@ -27,10 +27,20 @@ const fn row_sums(kernels: KernelSet) -> usize {
     }
 }
 
+uniform! {
+    /// Rows of a matrix product.
+    struct Product {
+        row_count: u32,
+        /// Texels that the first column and the first row belong to.
+        source_first: u32,
+        out_first: u32,
+    }
+}
+
 /// Kernel of a matrix product, named `entry`; `destination` appends the function `store_product`.
 fn product_source(kernels: KernelSet, entry: &str, destination: impl FnOnce(Source) -> Source) -> String {
     let kernel = include_str!("product.wgsl").replace("fn multiply_rows(", &format!("fn {entry}("));
-    Source::new().count("ROW_SUMS", row_sums(kernels)).with(&kernel).part(destination).text()
+    Source::new().count("ROW_SUMS", row_sums(kernels)).uniform::<Product>().with(&kernel).part(destination).text()
 }
 
 const STORED: &str = "fn store_product(index: u32, texel: vec4f) {\n    texels[index] = texel;\n}\n";
@@ -137,9 +147,11 @@ impl RowRange {
             Out::Texels(first) | Out::AddedTexels(first) => first,
             Out::Other(..) => 0,
         };
-        let settings = [self.row_count as u32, first as u32, (out_first + self.first_row) as u32];
+        let [row_count, source_first, out_first] =
+            [self.row_count, first, out_first + self.first_row].map(|number| number as u32);
+        let product = Product { row_count, source_first, out_first };
         let mut bindings = vec![
-            Uniform(bytemuck::cast_slice(&settings)),
+            Uniform(product.bytes()),
             Buffer(&self.starts),
             Buffer(&self.columns),
             Buffer(&self.weights),

@@ -7,12 +7,6 @@
 // Outputs: texels, in place.
 // Variants: the product is stored, added, or stored in another array as levels with aprons.
 
-struct Product {
-    row_count: u32,
-    source_first: u32,
-    out_first: u32,
-}
-
 @group(0) @binding(0) var<uniform> product: Product;
 @group(0) @binding(1) var<storage, read> starts: array<u32>;
 @group(0) @binding(2) var<storage, read> columns: array<u32>;

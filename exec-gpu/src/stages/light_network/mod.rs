@@ -1,7 +1,7 @@
 //! A light's network, evaluated in the texels of all levels, and the gradient of its weights.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::uniform},
     device::{
         context::Context,
         error::GpuError,
@@ -21,7 +21,7 @@ use crate::{
         prefilter_vjp::formulas::RadianceVjp,
     },
 };
-use bytemuck::{Pod, Zeroable};
+use bytemuck::Zeroable;
 use formulas::{BoundedNumber, BoundedNumberVjp, BoundedWeight, BoundedWeightVjp, Rectify, RectifyVjp};
 use specula_core::{
     light_network::{CHANNELS, ENCODING, LAYER_STARTS, WEIGHT_COUNT, WIDTH},
@@ -61,17 +61,21 @@ pub(crate) struct NetworkTexels {
     pub(crate) split_sum: OnceLock<Array>,
 }
 
-#[repr(C)]
-#[derive(Clone, Copy, Default, Pod, Zeroable)]
-struct Texels {
-    count: u32,
-    first: u32,
-    base_count: u32,
-    base_first: u32,
-    row_first: u32,
-    part_first: u32,
-    part_count: u32,
-    padding: u32,
+uniform! {
+    /// Texels that a network is evaluated in.
+    struct Texels {
+        /// Texels of the dispatch, and the first of them.
+        count: u32,
+        first: u32,
+        /// Encoded texels of the base, the node of the first of them, and that of the first behind
+        /// them.
+        base_count: u32,
+        base_first: u32,
+        row_first: u32,
+        /// The first part of the dispatch, and all parts.
+        part_first: u32,
+        part_count: u32,
+    }
 }
 
 fn network(source: Source) -> Source {
@@ -93,7 +97,12 @@ fn network(source: Source) -> Source {
     ];
     let source = counts.into_iter().fold(source, |source, (name, value)| source.count(name, value));
     let source = source.real().formula(&RadianceOf { activation: ACTIVATION });
-    source.formula(&BoundedWeight).formula(&BoundedNumber).formula(&Rectify).with(include_str!("network.wgsl"))
+    source
+        .formula(&BoundedWeight)
+        .formula(&BoundedNumber)
+        .formula(&Rectify)
+        .uniform::<Texels>()
+        .with(include_str!("network.wgsl"))
 }
 
 fn evaluate_source() -> String {
@@ -146,7 +155,7 @@ impl NetworkTexels {
             base_count: base.len() as u32,
             base_first: base.start as u32,
             row_first: rows.start as u32,
-            ..Texels::default()
+            ..Texels::zeroed()
         }
     }
 
@@ -170,7 +179,7 @@ pub(crate) fn evaluate(
     let operator = network.encoded.operator();
     let nodes = context.zeros("texels of a light", network.node_len())?;
     let texels = network.texels();
-    let uniform = Uniform(bytemuck::bytes_of(&texels));
+    let uniform = Uniform(texels.bytes());
     let bindings = [uniform, Buffer(environment.values), Buffer(&network.encodings), Buffer(&nodes)];
     let invocations = Dispatch::Invocations(texels.count as usize);
     context.dispatch("light_network", "evaluate_network", &evaluate_source, &bindings, invocations)?;
@@ -202,7 +211,7 @@ pub(crate) fn evaluate_vjp(
         let (first, part_first) = (first as u32, (first / PART) as u32);
         let texels = Texels { count: at_once as u32, first, part_first, ..all };
         let [weights, encodings] = [Buffer(environment.values), Buffer(&network.encodings)];
-        let uniform = Uniform(bytemuck::bytes_of(&texels));
+        let uniform = Uniform(texels.bytes());
         context.dispatch(
             "light_network",
             "evaluate_network_vjp",
@@ -225,7 +234,7 @@ pub(crate) fn evaluate_vjp(
         "sum_network_parts",
         &sum_parts_source,
         &[
-            Uniform(bytemuck::bytes_of(&texels)),
+            Uniform(texels.bytes()),
             Buffer(environment.values),
             Buffer(&network.encodings),
             Buffer(&parts),

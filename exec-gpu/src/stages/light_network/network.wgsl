@@ -1,20 +1,5 @@
 // Declarations: a light's network, evaluated in a texel.
 
-struct Texels {
-    // Texels of this dispatch, and the first of them.
-    count: u32,
-    first: u32,
-    // Encoded texels of the base, the node of the first of them, and that of the first one after
-    // them.
-    base_count: u32,
-    base_first: u32,
-    row_first: u32,
-    // The first part of this dispatch, and all parts.
-    part_first: u32,
-    part_count: u32,
-    padding: u32,
-}
-
 @group(0) @binding(0) var<uniform> texels: Texels;
 @group(0) @binding(1) var<storage, read> weights: array<f32>;
 @group(0) @binding(2) var<storage, read> encodings: array<f32>;

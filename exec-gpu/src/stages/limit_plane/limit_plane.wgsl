@@ -4,14 +4,6 @@
 // Inputs: ball, plane, largest value.
 // Outputs: the plane and its Adam moments, in place.
 
-struct Limit {
-    center: vec3f,
-    radius_squared: f32,
-    count: u32,
-    plane: u32,
-    ceiling: f32,
-}
-
 @group(0) @binding(0) var<uniform> limit: Limit;
 @group(0) @binding(1) var<storage, read_write> values: array<f32>;
 @group(0) @binding(2) var<storage, read_write> means: array<f32>;

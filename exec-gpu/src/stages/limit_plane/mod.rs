@@ -1,7 +1,7 @@
 //! Upper bound of a plane.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::uniform},
     device::{
         chunks::{Chunk, ChunkedArray},
         context::Context,
@@ -12,7 +12,6 @@ use crate::{
         },
     },
 };
-use bytemuck::{Pod, Zeroable};
 use specula_core::{
     region::Ball,
     scene::{Gaussians, Layout, MEAN},
@@ -21,7 +20,7 @@ use specula_core::{
 
 pub(crate) fn source(layout: Layout) -> String {
     let source = Source::new().count("PLANES", layout.plane_count()).count("MEAN", MEAN);
-    source.with(include_str!("limit_plane.wgsl")).text()
+    source.uniform::<Limit>().with(include_str!("limit_plane.wgsl")).text()
 }
 
 /// Limits one plane to at most `ceiling` and clears its moments: outside of a ball, or everywhere.
@@ -42,23 +41,23 @@ pub(crate) fn limit_plane(
     let arrays = ChunkedArray::side_by_side([values, &moments.mean, &moments.square]);
     for (Chunk { gaussians, .. }, [values, mean, square]) in values.chunks(*count).zip(arrays) {
         let limit = Limit::new(gaussians.len(), plane, ceiling, outside);
-        let bindings = [Uniform(bytemuck::bytes_of(&limit)), Buffer(values), Buffer(mean), Buffer(square)];
+        let bindings = [Uniform(limit.bytes()), Buffer(values), Buffer(mean), Buffer(square)];
         context.dispatch(&key, "limit_plane", &source, &bindings, Dispatch::Invocations(gaussians.len()))?;
     }
     Ok(())
 }
 
-/// `Limit` of `limit_plane.wgsl`.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-struct Limit {
-    center: [f32; 3],
-    /// Negative without a ball: then every Gaussian is outside.
-    radius_squared: f32,
-    count: u32,
-    plane: u32,
-    ceiling: f32,
-    padding: u32,
+uniform! {
+    /// Ceiling of a plane, outside of a ball.
+    struct Limit {
+        center: [f32; 3],
+        /// Negative without a ball: then every Gaussian lies outside.
+        radius_squared: f32,
+        count: u32,
+        plane: u32,
+        ceiling: f32,
+        padding: u32,
+    }
 }
 
 impl Limit {

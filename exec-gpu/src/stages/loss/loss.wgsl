@@ -1,21 +1,5 @@
 // Declarations: settings, images and tiles of the loss kernels, and the sum over a workgroup.
 
-// Weights of the losses divided by the numbers of values of their means.
-struct LossSettings {
-    background: vec3f,
-    absolute: f32,
-    squared: f32,
-    structure: f32,
-    coverage: f32,
-    sparse_coverage: f32,
-    residual_image: f32,
-    normal: f32,
-    size: vec2u,
-    tiles: vec2u,
-    smoothness: f32,
-    padding: u32,
-}
-
 // Marks of a tile: the rendered image, or the target, shows more than the background.
 const IS_RENDERED: u32 = 1u;
 const IS_TRUE: u32 = 2u;

@@ -2,7 +2,7 @@
 //! gradients.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::uniform},
     device::{
         context::Context,
         error::GpuError,
@@ -17,7 +17,6 @@ use crate::{
         frame::{Frame, FrameGrad},
     },
 };
-use bytemuck::{Pod, Zeroable};
 use core::ops::Range;
 use formulas::{
     Bending, BendingVjp, BlurredNormal, ColorLoss, ComparedColors, CoverageLoss, DepthGrad, Evenness, Gloss,
@@ -101,6 +100,7 @@ impl LossVariant {
             .count("RESIDUAL_CHANNEL", index(channel::RESIDUAL_SIZE))
             .count("ROUGHNESS_CHANNEL", index(channel::ROUGHNESS))
             .with(&format!("alias LossSum = {sum};"))
+            .uniform::<LossSettings>()
             .with(include_str!("loss.wgsl"))
     }
 }
@@ -180,22 +180,22 @@ pub(crate) fn smoothness_source(variant: &LossVariant, has_gloss: bool) -> Strin
         .text()
 }
 
-/// `LossSettings` of `loss.wgsl`.
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-struct LossSettings {
-    background: [f32; 3],
-    absolute: f32,
-    squared: f32,
-    structure: f32,
-    coverage: f32,
-    sparse_coverage: f32,
-    residual_image: f32,
-    normal: f32,
-    size: [u32; 2],
-    tiles: [u32; 2],
-    smoothness: f32,
-    padding: u32,
+uniform! {
+    /// Weights of the losses over the numbers of values that they are means of.
+    struct LossSettings {
+        background: [f32; 3],
+        absolute: f32,
+        squared: f32,
+        structure: f32,
+        coverage: f32,
+        sparse_coverage: f32,
+        residual_image: f32,
+        normal: f32,
+        size: [u32; 2],
+        tiles: [u32; 2],
+        smoothness: f32,
+        padding: u32,
+    }
 }
 
 impl LossSettings {
@@ -335,7 +335,7 @@ impl<'a> Comparison<'a> {
 
     fn dispatch(&self, context: &mut Context) -> Result<(), GpuError> {
         let Self { variant, settings, .. } = self;
-        let settings = Uniform(bytemuck::bytes_of(settings));
+        let settings = Uniform(settings.bytes());
         let [blended, colors, texels] = [&self.frame.blended, self.frame.color(), &self.target.texels].map(Buffer);
         let [marks, partials, grads, sums] = [&self.marks, &self.partials, &self.grads, &self.sums].map(Buffer);
         let key = format!("{variant:?}");

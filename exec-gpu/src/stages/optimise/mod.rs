@@ -1,7 +1,7 @@
 //! Optimiser step: Adam.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::uniform},
     device::{
         chunks::ChunkedArray,
         context::Context,
@@ -13,7 +13,6 @@ use crate::{
     },
     stages::step_counters::{StepCounters, step_counters},
 };
-use bytemuck::{Pod, Zeroable};
 use formulas::AdamStep;
 use specula_core::{
     optimise::{GRAD_MAX, corrected_epsilon, corrected_rate},
@@ -25,19 +24,24 @@ pub mod formulas;
 
 pub(crate) fn source() -> String {
     let source = Source::new().real().formula(&AdamStep).part(step_counters);
-    source.count("GRAD_MAX_BITS", GRAD_MAX.to_bits() as usize).with(include_str!("optimise.wgsl")).text()
+    source
+        .count("GRAD_MAX_BITS", GRAD_MAX.to_bits() as usize)
+        .uniform::<StepSize>()
+        .with(include_str!("optimise.wgsl"))
+        .text()
 }
 
-/// `StepSize` of `optimise.wgsl`.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-struct StepSize {
-    count: u32,
-    planes: u32,
-    epsilon: f32,
-    is_limited: u32,
-    value_max: f32,
-    padding: [u32; 3],
+uniform! {
+    /// Numbers that a step changes, and its limits.
+    struct StepSize {
+        count: u32,
+        /// Planes of a block; a rate for each.
+        planes: u32,
+        epsilon: f32,
+        /// 1 if values stay between zero and `value_max`.
+        is_limited: u32,
+        value_max: f32,
+    }
 }
 
 /// Updates Gaussians and their moments.
@@ -102,12 +106,11 @@ fn adam(
         epsilon: corrected_epsilon(rates.step),
         is_limited: u32::from(rates.value_max.is_some()),
         value_max: rates.value_max.unwrap_or_default(),
-        padding: [0; 3],
     };
     for [grad, values, mean, square] in ChunkedArray::side_by_side([grad, values, &moments.mean, &moments.square]) {
         let size = StepSize { count: values.len() as u32, ..size };
         let bindings = [
-            Uniform(bytemuck::bytes_of(&size)),
+            Uniform(size.bytes()),
             Buffer(&corrected),
             Buffer(grad),
             Buffer(values),

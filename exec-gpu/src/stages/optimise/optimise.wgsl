@@ -5,16 +5,6 @@
 // Outputs: values and their Adam moments, in place; count of gradients that are not finite.
 // Early exit: nothing changes if the step exceeded the capacity, or in planes at rest.
 
-struct StepSize {
-    count: u32,
-    // Planes of a block; a rate for each.
-    planes: u32,
-    epsilon: f32,
-    // True if values are clamped between zero and `value_max`.
-    is_limited: u32,
-    value_max: f32,
-}
-
 @group(0) @binding(0) var<uniform> size: StepSize;
 @group(0) @binding(1) var<storage, read> rates: array<f32>;
 @group(0) @binding(2) var<storage, read> grads: array<f32>;

@@ -13,7 +13,7 @@ fn activate_texels(
     @builtin(local_invocation_index) local: u32,
 ) {
     let texel = linear_index(group, groups, local);
-    if texel < size.texel_count {
+    if texel < size.count {
         texels[texel] = vec4f(radiance_of(texel), 0.0);
     }
 }

@@ -1,7 +1,7 @@
 //! Prefiltering of a light into roughness levels.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::Count},
     device::{
         context::Context,
         error::GpuError,
@@ -39,7 +39,7 @@ pub mod formulas;
 
 /// Appends the numbers of an environment, and their radiance.
 pub(crate) fn radiance(source: Source, activation: RadianceActivation) -> Source {
-    source.real().formula(&RadianceOf { activation }).with(include_str!("radiance.wgsl"))
+    source.real().formula(&RadianceOf { activation }).uniform::<Count>().with(include_str!("radiance.wgsl"))
 }
 
 pub(crate) fn activation_source(activation: RadianceActivation) -> String {
@@ -193,8 +193,8 @@ pub(crate) fn prefilter(
     let operator = &weights.operator;
     let texel_count = texel_count(environment);
     let nodes = context.allocate("texels of a light", TEXEL_LEN * (operator.node_count() + operator.row_count()))?;
-    let settings = [texel_count as u32];
-    let bindings = [Uniform(bytemuck::cast_slice(&settings)), Buffer(environment.values), Buffer(&nodes)];
+    let size = Count::new(texel_count);
+    let bindings = [Uniform(size.bytes()), Buffer(environment.values), Buffer(&nodes)];
     let activation = environment.activation;
     let (key, source) = (format!("{activation:?}"), || activation_source(activation));
     context.dispatch(&key, "activate_texels", &source, &bindings, Dispatch::Invocations(texel_count))?;

@@ -1,10 +1,6 @@
 // Declarations: radiance of an environment's texels.
 
-struct EnvironmentSize {
-    texel_count: u32,
-}
-
-@group(0) @binding(0) var<uniform> size: EnvironmentSize;
+@group(0) @binding(0) var<uniform> size: Count;
 @group(0) @binding(1) var<storage, read> numbers: array<f32>;
 
 fn radiance_of(texel: u32) -> vec3f {

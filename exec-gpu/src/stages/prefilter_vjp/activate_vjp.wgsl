@@ -14,7 +14,7 @@ fn activate_texels_vjp(
     @builtin(local_invocation_index) local: u32,
 ) {
     let texel = linear_index(group, groups, local);
-    if texel >= size.texel_count {
+    if texel >= size.count {
         return;
     }
     let grad = texels[texel].xyz;

@@ -1,7 +1,7 @@
 //! Gradient of the prefilter.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::Count},
     device::{
         context::Context,
         error::GpuError,
@@ -64,8 +64,8 @@ pub(crate) fn prefilter_vjp(
         matrix.apply(context, &nodes, coarse, Out::AddedTexels(fine))?;
     }
     let out = context.allocate("gradient of an environment", environment.values.len())?;
-    let settings = [texel_count(environment) as u32];
-    let bindings = [Uniform(bytemuck::cast_slice(&settings)), Buffer(environment.values), Buffer(&nodes), Buffer(&out)];
+    let size = Count::new(texel_count(environment));
+    let bindings = [Uniform(size.bytes()), Buffer(environment.values), Buffer(&nodes), Buffer(&out)];
     let groups = Dispatch::Invocations(texel_count(environment));
     let (key, source) = (format!("{:?}", environment.activation), || source(environment.activation));
     context.dispatch(&key, "activate_texels_vjp", &source, &bindings, groups)?;

@@ -1,7 +1,7 @@
 //! 3D filters, from the sampling intervals of views.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::uniform},
     device::{
         chunks::ChunkedArray,
         context::Context,
@@ -13,7 +13,6 @@ use crate::{
     },
     stages::camera::{CameraUniform, camera},
 };
-use bytemuck::{Pod, Zeroable};
 use formulas::{DeviationOf, IntervalOf, LeastInterval};
 use specula_core::{
     antialias::SamplingInterval,
@@ -33,16 +32,17 @@ pub(crate) fn source(layout: Layout, filter_plane: usize) -> String {
         .formula(&IntervalOf)
         .formula(&LeastInterval)
         .formula(&DeviationOf)
+        .uniform::<Counts>()
         .with(include_str!("sampling.wgsl"))
         .text()
 }
 
-/// `Counts` of `sampling.wgsl`.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-struct Counts {
-    gaussians: u32,
-    views: u32,
+uniform! {
+    /// Numbers of Gaussians and views.
+    struct Counts {
+        gaussians: u32,
+        views: u32,
+    }
 }
 
 /// Sets the filters of all Gaussians, if they have one.
@@ -62,7 +62,7 @@ pub(crate) fn sampling(
     let (key, source) = (format!("{layout:?}"), || source(layout, filter_plane));
     for chunk in values.chunks(count) {
         let counts = Counts { gaussians: chunk.gaussians.len() as u32, views: views.len() as u32 };
-        let bindings = [Uniform(bytemuck::bytes_of(&counts)), Buffer(&cameras), Buffer(chunk.array)];
+        let bindings = [Uniform(counts.bytes()), Buffer(&cameras), Buffer(chunk.array)];
         context.dispatch(&key, "sampling", &source, &bindings, Dispatch::Invocations(chunk.gaussians.len()))?;
     }
     Ok(())

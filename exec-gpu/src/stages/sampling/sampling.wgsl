@@ -4,11 +4,6 @@
 // Inputs: views, means of the Gaussians.
 // Outputs: deviations of the filters, in place.
 
-struct Counts {
-    gaussians: u32,
-    views: u32,
-}
-
 @group(0) @binding(0) var<uniform> counts: Counts;
 @group(0) @binding(1) var<storage, read> views: array<Camera>;
 @group(0) @binding(2) var<storage, read_write> values: array<f32>;

@@ -3,11 +3,7 @@
 // Threads: one invocation a number.
 // Outputs: the numbers.
 
-struct Numbers {
-    count: u32,
-}
-
-@group(0) @binding(0) var<uniform> size: Numbers;
+@group(0) @binding(0) var<uniform> size: Count;
 @group(0) @binding(1) var<storage, read_write> numbers: array<u32>;
 
 @compute @workgroup_size(GROUP)

@@ -8,7 +8,10 @@
 //! Gaussian, by the bits of depth.
 
 use crate::{
-    codegen::source::{Source, WORKGROUP_SIZE},
+    codegen::{
+        source::{Source, WORKGROUP_SIZE},
+        uniform::{Count, uniform},
+    },
     device::{
         context::Context,
         error::GpuError,
@@ -53,21 +56,35 @@ impl SortDivision {
     }
 }
 
+uniform! {
+    /// Pass of a sort, by some bits of the keys.
+    struct SortPass {
+        /// Elements, at most.
+        count: u32,
+        /// Parts of the elements whose digits are counted.
+        columns: u32,
+        shift: u32,
+        mask: u32,
+        /// 1 if the number of elements is read from the step counters.
+        is_counted: u32,
+    }
+}
+
 /// Appends the number of elements that one invocation processes in turn.
 pub(crate) fn column(source: Source) -> Source {
     source.count("COLUMN", COLUMN)
 }
 
 pub(crate) fn scan_source() -> String {
-    Source::new().count("SCAN_BLOCK", SCAN_BLOCK).with(include_str!("scan.wgsl")).text()
+    Source::new().count("SCAN_BLOCK", SCAN_BLOCK).uniform::<Count>().with(include_str!("scan.wgsl")).text()
 }
 
 pub(crate) fn iota_source() -> String {
-    Source::new().with(include_str!("iota.wgsl")).text()
+    Source::new().uniform::<Count>().with(include_str!("iota.wgsl")).text()
 }
 
 pub(crate) fn sort_source(kernels: KernelSet) -> String {
-    let source = Source::new().part(step_counters).with(include_str!("sort_pass.wgsl"));
+    let source = Source::new().part(step_counters).uniform::<SortPass>().with(include_str!("sort_pass.wgsl"));
     let source = match kernels {
         KernelSet::Software => source
             .part(column)
@@ -87,8 +104,8 @@ pub(crate) fn sort_source(kernels: KernelSet) -> String {
 pub(crate) fn scan(context: &mut Context, numbers: &Array, len: usize) -> Result<(), GpuError> {
     let blocks = len.div_ceil(SCAN_BLOCK);
     let sums = context.allocate("sums", blocks)?;
-    let size = [len as u32];
-    let bindings = [Uniform(bytemuck::cast_slice(&size)), Buffer(numbers), Buffer(&sums)];
+    let size = Count::new(len);
+    let bindings = [Uniform(size.bytes()), Buffer(numbers), Buffer(&sums)];
     context.dispatch("scan", "scan_blocks", &scan_source, &bindings, Dispatch::Workgroups(blocks))?;
     if blocks > 1 {
         scan(context, &sums, blocks)?;
@@ -104,8 +121,8 @@ pub(crate) fn scan(context: &mut Context, numbers: &Array, len: usize) -> Result
 /// See [`Context::allocate`] and [`Context::dispatch`].
 pub(crate) fn iota(context: &mut Context, what: &'static str, len: usize) -> Result<Array, GpuError> {
     let numbers = context.allocate(what, len)?;
-    let size = [len as u32];
-    let bindings = [Uniform(bytemuck::cast_slice(&size)), Buffer(&numbers)];
+    let size = Count::new(len);
+    let bindings = [Uniform(size.bytes()), Buffer(&numbers)];
     context.dispatch("iota", "iota", &iota_source, &bindings, Dispatch::Invocations(len))?;
     Ok(numbers)
 }
@@ -151,9 +168,10 @@ pub(crate) fn sort(
     let mut other = Pairs { keys: context.allocate("keys", len)?, items: context.allocate("items", len)? };
     for shift in (0..bits).step_by(digit_bits as usize) {
         let mask = (1 << digit_bits.min(bits - shift)) - 1;
-        let settings = [len as u32, columns as u32, shift, mask, u32::from(is_counted)];
+        let (count, is_counted) = (len as u32, u32::from(is_counted));
+        let pass = SortPass { count, columns: columns as u32, shift, mask, is_counted };
         let bindings = [
-            Uniform(bytemuck::cast_slice(&settings)),
+            Uniform(pass.bytes()),
             Buffer(&pairs.keys),
             Buffer(&pairs.items),
             Buffer(&starts),

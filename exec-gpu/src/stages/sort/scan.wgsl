@@ -8,11 +8,7 @@ const PER_THREAD: u32 = SCAN_BLOCK / GROUP;
 // Invocations of a segment, whose sums are added one after the other.
 const SEGMENT: u32 = 16u;
 
-struct ScanSize {
-    count: u32,
-}
-
-@group(0) @binding(0) var<uniform> size: ScanSize;
+@group(0) @binding(0) var<uniform> size: Count;
 @group(0) @binding(1) var<storage, read_write> numbers: array<u32>;
 @group(0) @binding(2) var<storage, read_write> block_sums: array<u32>;
 

@@ -1,16 +1,5 @@
 // Declarations: one pass of a radix sort.
 
-struct SortPass {
-    // Elements, at most.
-    count: u32,
-    // Parts of the elements whose digits are counted.
-    columns: u32,
-    shift: u32,
-    mask: u32,
-    // Whether the number of elements is read from the step counters.
-    is_counted: u32,
-}
-
 @group(0) @binding(0) var<uniform> pass_: SortPass;
 @group(0) @binding(1) var<storage, read> keys: array<u32>;
 @group(0) @binding(2) var<storage, read> items: array<u32>;

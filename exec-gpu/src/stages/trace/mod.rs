@@ -1,7 +1,7 @@
 //! Reflected rays of a blended surface, traced against the near field of a light.
 
 use crate::{
-    codegen::source::Source,
+    codegen::{source::Source, uniform::uniform},
     device::{
         context::Context,
         error::GpuError,
@@ -17,7 +17,6 @@ use crate::{
         shade_pixels::formulas::SurfaceOfPixel,
     },
 };
-use bytemuck::{Pod, Zeroable};
 use formulas::{
     BoxSpan, CrossingOf, FarReflection, IndirectOfReflection, InverseDirection, LightOfReflection, LookupOfReflection,
     NearReflection, REFLECTION_LEN, RayOfPixel, VisibilityOfReflection,
@@ -59,6 +58,7 @@ pub(crate) fn traversal(source: Source) -> Source {
         .formula(&InverseDirection)
         .formula(&BoxSpan)
         .formula(&CrossingOf)
+        .uniform::<NearFieldUniform>()
         .with(include_str!("near_field.wgsl"))
 }
 
@@ -73,14 +73,15 @@ pub(crate) fn reflection(source: Source) -> Source {
         .formula(&VisibilityOfReflection)
 }
 
-/// `NearField` of `near_field.wgsl`; without nodes rays hit nothing.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-pub(crate) struct NearFieldUniform {
-    node_count: u32,
-    first_triangle: u32,
-    first_vertex: u32,
-    offset: f32,
+uniform! {
+    /// Sizes of a near field; without nodes rays hit nothing.
+    pub(crate) struct NearFieldUniform {
+        node_count: u32,
+        /// Indices of the first triangle and the first vertex, in vectors of four numbers.
+        first_triangle: u32,
+        first_vertex: u32,
+        offset: f32,
+    }
 }
 
 impl NearFieldUniform {
@@ -127,7 +128,7 @@ pub(crate) fn trace(
     let reflections = context.allocate("reflections", REFLECTION_LEN * frame.pixel_count())?;
     let bindings = [
         Uniform(view.bytes()),
-        Uniform(bytemuck::bytes_of(&numbers)),
+        Uniform(numbers.bytes()),
         Buffer(&frame.blended),
         Buffer(&near_field.values),
         Buffer(&reflections),

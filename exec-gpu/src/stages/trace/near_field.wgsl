@@ -1,13 +1,5 @@
 // Declarations: near field, and the triangle that a ray hits first.
 
-struct NearField {
-    node_count: u32,
-    // Indices of the first triangle and the first vertex, in vectors of four numbers.
-    first_triangle: u32,
-    first_vertex: u32,
-    offset: f32,
-}
-
 // Triangle that a ray hits.
 struct Hit {
     distance: f32,
