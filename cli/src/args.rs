@@ -17,7 +17,7 @@ mod scene;
 mod train;
 pub(crate) mod view;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 pub(crate) use demo::Demo;
 pub(crate) use export::{BakeName, Export};
 pub(crate) use info::{Doctor, Info, TryNetwork};
@@ -32,7 +32,7 @@ use specula_scene::ExecutorChoice;
 use std::ffi::OsString;
 pub(crate) use train::{
     AT_MOST_1100, AT_MOST_1600, Densify, LONGER_EDGE, LightKind, LightPer, Losses, Photographs, Reflections,
-    ResumeOptions, Start, Train, ViewUntil, WhitePixels,
+    ResumeOptions, SETTINGS, Start, Train, ViewUntil, WhitePixels,
 };
 pub(crate) use view::View;
 
@@ -73,14 +73,58 @@ impl Arguments {
     /// # Errors
     /// The error that clap reports, or its help.
     pub(crate) fn parse_words(words: impl IntoIterator<Item = OsString>) -> Result<Self, clap::Error> {
-        Self::try_parse_from(with_hyphens(words))
+        Self::try_parse_from(words_of(words))
     }
+}
+
+/// Command line in the words of the parser: hyphens in the names of options, and each `--set
+/// NAME=VALUE` as the option NAME.
+pub(crate) fn words_of(words: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
+    let command = Arguments::command();
+    let train = command.find_subcommand("train").expect("it is there");
+    let mut words = with_hyphens(words).into_iter();
+    let (mut parsed, mut are_options) = (Vec::new(), true);
+    while let Some(word) = words.next() {
+        are_options &= word != "--";
+        let given = match word.to_str().filter(|_| are_options) {
+            Some("--set") => words.next(),
+            Some(text) => text.strip_prefix("--set=").map(OsString::from),
+            None => None,
+        };
+        match given {
+            None => parsed.push(word),
+            Some(given) if given == "help" => parsed.push("--help".into()),
+            Some(given) => match given.to_str().and_then(|setting| option_of(train, setting)) {
+                Some(option) => parsed.extend(option),
+                None => parsed.extend(["--set".into(), given]),
+            },
+        }
+    }
+    parsed
+}
+
+/// Option for a setting; none for a switch that is off. `None` for words that name no setting.
+fn option_of(train: &clap::Command, setting: &str) -> Option<Option<OsString>> {
+    let (name, value) = setting.split_once('=')?;
+    let name = name.replace('_', "-");
+    let arg = train.get_arguments().find(|arg| is_setting(arg) && arg.get_long() == Some(&name))?;
+    match (arg.get_action().takes_values(), value) {
+        (true, _) => Some(Some(format!("--{name}={value}").into())),
+        (false, "true") => Some(Some(format!("--{name}").into())),
+        (false, "false") => Some(None),
+        (false, _) => None,
+    }
+}
+
+/// True for options that only `--set help` lists.
+pub(crate) fn is_setting(arg: &clap::Arg) -> bool {
+    arg.get_help_heading().is_some_and(|heading| SETTINGS.contains(&heading))
 }
 
 /// Command line with hyphens in the names of long options, which the authors' tools spell with
 /// underscores: `--save_iterations=7000` becomes `--save-iterations=7000`. Values, and words after
 /// `--`, are kept.
-pub(crate) fn with_hyphens(words: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
+fn with_hyphens(words: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
     let mut are_options = true;
     let renamed = |word: OsString| {
         are_options &= word != "--";
@@ -174,6 +218,29 @@ mod tests {
         assert!(parsed(eval).is_err(), "a model has one size already");
         let Command::Train(train) = parsed(words).unwrap().command else { panic!("train") };
         assert_eq!((train.losses.lambda_sparse, train.start.sh_degree), (Some(0.001), Some(2)));
+    }
+
+    #[test]
+    fn settings_are_options_of_their_own_names() {
+        let words = |line: &str| words_of(line.split(' ').map(OsString::from)).join(" ".as_ref());
+        for (line, expected) in [
+            ("specula train data --set lambda_normal=0.3", "specula train data --lambda-normal=0.3"),
+            ("specula train data --set=no-axis=true --set no-sparse=false", "specula train data --no-axis"),
+            ("specula train data --set iterations=7", "specula train data --set iterations=7"),
+            ("specula train -- --set lambda-normal=0.3", "specula train -- --set lambda-normal=0.3"),
+            ("specula train data --set", "specula train data --set"),
+        ] {
+            assert_eq!(words(line), expected, "{line}");
+        }
+        for (wrong, sentence) in [
+            ("--set iterations=7", "no setting \"iterations\""),
+            ("--set no-axis=maybe", "no setting \"no-axis\""),
+            ("--set lambda-normal", "NAME=VALUE"),
+            ("--set lambda-normal=-1", "lambda-normal"),
+        ] {
+            let error = parsed(&format!("specula train data -m out {wrong}")).unwrap_err().to_string();
+            assert!(error.contains(sentence), "{wrong}: {error}");
+        }
     }
 
     #[test]

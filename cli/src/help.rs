@@ -1,7 +1,7 @@
 //! Help: the common options with -h, all options in groups with --help.
 
-use crate::args::Arguments;
-use clap::{Command, CommandFactory};
+use crate::args::{Arguments, is_setting};
+use clap::{Arg, Command, CommandFactory};
 use std::{
     ffi::OsString,
     io::{IsTerminal, Write, stdout},
@@ -37,8 +37,16 @@ All options, profiles, presets and more examples: specula train --help";
 /// Prints the help that the words of a command line request.
 pub(crate) fn print(words: &[OsString]) {
     let name = command_of(words);
+    let is_of_settings =
+        words.windows(2).any(|pair| pair == ["--set", "help"]) || words.iter().any(|word| word == "--set=help");
     let is_long_help = words.iter().any(|word| word == "--help" || word == "help");
-    let mut help = if is_long_help { long_help(name.as_deref()) } else { short_help(name.as_deref()) };
+    let mut help = if is_of_settings {
+        settings_help()
+    } else if is_long_help {
+        long_help(name.as_deref())
+    } else {
+        short_help(name.as_deref())
+    };
     let help = help.render_help();
     // A closed stdout is no error.
     let _ = if stdout().is_terminal() { write!(stdout(), "{}", help.ansi()) } else { write!(stdout(), "{help}") };
@@ -68,7 +76,17 @@ pub(crate) fn long_help(name: Option<&str>) -> Command {
     // The -h of other commands prints the same options.
     let is_shorter = name == Some("train");
     let help = if is_shorter { "Print help; -h prints the most used options" } else { "Print help" };
-    command.about(about).mut_arg("help", |arg| arg.help(help))
+    let without_settings = |arg: Arg| if is_setting(&arg) { arg.hide(true) } else { arg };
+    command.about(about).mut_args(without_settings).mut_arg("help", |arg| arg.help(help))
+}
+
+/// Help with the settings of a training.
+fn settings_help() -> Command {
+    let only_settings = |arg: Arg| if is_setting(&arg) { arg } else { arg.hide(true) };
+    let command = named(Some("train")).mut_args(only_settings).after_help("");
+    command
+        .about("Settings of a training, as --set NAME=VALUE or --NAME VALUE; those of the profile by default.")
+        .override_usage("specula train [OPTIONS] --model-path <MODEL> --set <NAME=VALUE> [DATASET]")
 }
 
 /// Help that fits on a screen.
@@ -96,11 +114,13 @@ mod tests {
     fn the_first_help_of_a_training_fits_a_screen_and_the_other_has_every_option() {
         let [first, full] = [short_help, long_help].map(|help| help(Some("train")).render_help().to_string());
         assert!(first.lines().count() <= 45, "-h has {} lines:\n{first}", first.lines().count());
-        assert!(full.lines().count() <= 200, "--help has {} lines:\n{full}", full.lines().count());
+        assert!(full.lines().count() <= 150, "--help has {} lines:\n{full}", full.lines().count());
+        let settings = settings_help().render_help().to_string();
         let train = named(Some("train"));
         for arg in train.get_arguments() {
             let Some(long) = arg.get_long().filter(|_| !arg.is_hide_set()) else { continue };
-            assert!(full.contains(&format!("--{long}")), "--{long} is missing:\n{full}");
+            let is_in = |help: &str| help.split_whitespace().any(|word| word == format!("--{long}"));
+            assert!(is_in(&full) || is_in(&settings), "--{long} is missing:\n{full}\n{settings}");
         }
         for name in FIRST {
             assert!(train.get_arguments().any(|arg| arg.get_id() == name), "{name} is no option");

@@ -63,7 +63,7 @@ pub fn run(ranks: &Ranks<'_>) -> u8 {
 
 /// Runs a command, with settings from files if it names any.
 fn start(arguments: Arguments, ranks: &Ranks<'_>) -> Result<(), Failure> {
-    let words = args::with_hyphens(std::env::args_os());
+    let words = args::words_of(std::env::args_os());
     match manifest::of(&arguments, &words)? {
         Some(manifest) if manifest.is_listed => commands::train::many::list(&manifest),
         Some(manifest) => {

@@ -172,7 +172,7 @@ mod tests {
         let path = folder.path().join("scenes.toml");
         fs::write(&path, text).expect("a writable folder");
         let line = line.replace("FILE", path.to_str().expect("UTF-8"));
-        let words = args::with_hyphens(line.split(' ').map(OsString::from));
+        let words = args::words_of(line.split(' ').map(OsString::from));
         let arguments = Arguments::try_parse_from(&words).expect("a valid command line");
         (folder.path().to_owned(), of(&arguments, &words))
     }

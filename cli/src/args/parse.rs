@@ -1,6 +1,9 @@
 //! Parsers of option values. Errors are sentences that name the valid values.
 
-use core::net::{Ipv4Addr, SocketAddr};
+use core::{
+    convert::Infallible,
+    net::{Ipv4Addr, SocketAddr},
+};
 use specula_core::{
     cutoffs::{BlendOrder, ProjectionModel, WINDOW, WINDOW_MAX},
     lamps::RAYS_MAX,
@@ -77,6 +80,14 @@ pub(super) fn token(text: &str) -> Result<String, String> {
 
 pub(super) fn masks(text: &str) -> Result<MaskUse, String> {
     MaskUse::named(text).ok_or_else(|| "expected auto, ignore or cut".into())
+}
+
+/// Rejects what `--set` names: only words that are no setting reach this parser.
+pub(super) fn unknown_setting(text: &str) -> Result<Infallible, String> {
+    Err(match text.split_once('=') {
+        Some((name, _)) => format!("there is no setting {name:?}; specula train --set help lists them"),
+        None => "use --set NAME=VALUE; specula train --set help lists the settings".into(),
+    })
 }
 
 pub(super) fn projection(text: &str) -> Result<ProjectionModel, String> {

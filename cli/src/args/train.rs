@@ -4,14 +4,15 @@
 use super::{
     light_reference::LightReference,
     parse::{
-        address, count, downscale, error_bound, executor, masks, positive, share, token, weight, whole_above_zero,
+        address, count, downscale, error_bound, executor, masks, positive, share, token, unknown_setting, weight,
+        whole_above_zero,
     },
     preset::Preset,
     scene::ProfileName,
     view,
 };
 use clap::{Args, ValueEnum, builder::ArgPredicate};
-use core::net::SocketAddr;
+use core::{convert::Infallible, net::SocketAddr};
 use serde::{Serialize, Serializer};
 use specula_io::dataset::MaskUse;
 use specula_scene::{ExecutorChoice, backdrop::BackgroundColor, foreground::Foreground, orientation::UpDirection};
@@ -19,6 +20,11 @@ use std::{
     io::IsTerminal,
     path::{Path, PathBuf},
 };
+
+/// Heading of settings of the model.
+const MODEL: &str = "Model";
+/// Headings of settings: options that only `--set help` lists.
+pub(crate) const SETTINGS: [&str; 4] = [MODEL, "Losses", "Ablation", "Densification"];
 
 /// Resolution of `-r -1`, INRIA's default: full size, but at most 1600 pixels wide.
 pub(crate) const AT_MOST_1600: u32 = 0;
@@ -159,6 +165,11 @@ pub(crate) struct Train {
     #[command(flatten)]
     #[serde(flatten)]
     pub(crate) losses: Losses,
+    /// Set a training setting: a weight, a schedule, densification. --set help lists them; each is
+    /// an option of its own name as well.
+    #[arg(long, value_name = "NAME=VALUE", help_heading = "Resuming and settings", value_parser = unknown_setting)]
+    #[serde(skip)]
+    pub(crate) set: Vec<Infallible>,
     #[command(flatten)]
     #[serde(flatten)]
     pub(crate) ablation: Ablate,
@@ -299,15 +310,15 @@ pub(crate) struct Start {
     #[arg(long, value_name = "WHERE", default_value = "all", allow_hyphen_values = true)]
     pub(crate) foreground: Foreground,
     /// Fraction of the run that trains on pictures of half the size, where an iteration costs less.
-    #[arg(long, value_name = "0..1", value_parser = share)]
+    #[arg(long, help_heading = MODEL, value_name = "0..1", value_parser = share)]
     pub(crate) coarse_until: Option<f32>,
     /// Fraction of the run after which all learning rates decay to zero, which averages out the
     /// noise of views; 1 for never [default: 0.7 for specula, 1 for others].
-    #[arg(long, value_name = "0..1", value_parser = share)]
+    #[arg(long, help_heading = MODEL, value_name = "0..1", value_parser = share)]
     pub(crate) cool_from: Option<f32>,
     /// Degree of the spherical harmonics, 0 to 3; -1, from GaussianShader's command lines, for that
     /// of the profile.
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(i8).range(-1..=3))]
+    #[arg(long, help_heading = MODEL, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(i8).range(-1..=3))]
     #[serde(skip_serializing_if = "is_of_profile")]
     pub(crate) sh_degree: Option<i8>,
     /// Train anti-aliased, as Mip-Splatting does: pictures at other resolutions and distances than
@@ -317,7 +328,7 @@ pub(crate) struct Start {
     #[serde(skip_serializing_if = "core::ops::Not::not")]
     pub(crate) antialias: bool,
     /// Look up the light per Gaussian, as in the paper, or per pixel (deferred).
-    #[arg(long, value_enum)]
+    #[arg(long, help_heading = MODEL, value_enum)]
     pub(crate) light_per: Option<LightPer>,
     /// Light from the texels of a cube map, or from a small network over directions (mlp), as in
     /// the paper's ablation.
@@ -345,7 +356,7 @@ pub(crate) struct Start {
     pub(crate) light_reference: Option<LightReference>,
     /// Resolution of the cube map's faces: a power of two, at least 16 (official: 64); at most 128
     /// with --light mlp.
-    #[arg(long, alias = "brdf-env", value_name = "N", value_parser = count::<usize>)]
+    #[arg(long, help_heading = MODEL, alias = "brdf-env", value_name = "N", value_parser = count::<usize>)]
     pub(crate) light_resolution: Option<usize>,
 }
 
@@ -491,7 +502,7 @@ pub(crate) struct Densify {
     #[arg(long, value_name = "X", value_parser = weight)]
     pub(crate) percent_dense: Option<f32>,
     /// Maximum number of Gaussians [default: 1000000].
-    #[arg(long, alias = "max-splats", value_name = "N", value_parser = whole_above_zero)]
+    #[arg(long, help_heading = "Start", alias = "max-splats", value_name = "N", value_parser = whole_above_zero)]
     pub(crate) max_gaussians: Option<usize>,
 }
 

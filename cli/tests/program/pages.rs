@@ -39,8 +39,11 @@ fn pages() -> Vec<(String, String)> {
     let page = |title: &str, help: &str| format!("# {title}\n\n```text\n{}\n```\n", help.trim_end());
     let list: String = commands.iter().map(|(name, about)| format!("* [{name}]({name}.md): {about}\n")).collect();
     let first = format!("{}\n{list}", page("specula", &help(&[])));
-    let others =
-        commands.iter().map(|(name, _)| (format!("{name}.md"), page(&format!("specula {name}"), &help(&[name]))));
+    let settings = format!("\n## Settings\n\n```text\n{}\n```\n", help(&["train", "--set", "help"]).trim_end());
+    let others = commands.iter().map(|(name, _)| {
+        let more = if name == "train" { &settings[..] } else { "" };
+        (format!("{name}.md"), page(&format!("specula {name}"), &help(&[name])) + more)
+    });
     [("README.md".to_owned(), first)].into_iter().chain(others).collect()
 }
 

@@ -863,7 +863,7 @@ fn suns_and_lamps_are_placed_and_dragged(browser: &Browser, tiny: &Tiny) {
     page.wait("location.hash.includes('suns=')");
     let suns = address().split(['#', '&']).find(|part| part.starts_with("suns=")).unwrap().to_owned();
     let size = format!("{},{}", sunny.width(), sunny.height());
-    let asked = site.get(&format!("/frame?view=0&size={size}&{suns}")).picture();
+    let asked = site.get(&format!("/frame?view=0&size={size}&stops=-1&{suns}")).picture();
     let [left, above] = [sunny.width() - asked.width(), sunny.height() - asked.height()].map(|edge| edge / 2);
     let inside = image::imageops::crop_imm(&sunny, left, above, asked.width(), asked.height()).to_image();
     assert!(is_same(&inside, &asked), "at rest it has all shadow rays");

@@ -47,7 +47,7 @@ pub(crate) struct PictureSchedule<T> {
 }
 
 impl<T> PictureSchedule<T> {
-    /// Schedule of `views` pictures, which one rank computes alone.
+    /// Schedule of `views` pictures, which a single rank computes.
     pub(crate) fn new(pictures: Box<dyn Pictures>, settings: &Settings, views: usize, is_halved: bool) -> Self {
         let Settings { seed, ref profile, iterations, .. } = *settings;
         Self {

@@ -8,6 +8,8 @@ const SUN = { strength: 3, width: 0.53, color: "ffffff" };
 /** Azimuth of an added sun from the viewer's own, and its elevation, in degrees. */
 const SUN_ASIDE = 40;
 const SUN_ELEVATION = 45;
+/** Exposure of the environment under the first sun, so that white surfaces stay below white. */
+const STOPS_UNDER_SUN = -1;
 /** Place of an added lamp: nearer than the target, relative to its distance; to the right of the
  *  picture's centre and above it, relative to half of the shorter edge. */
 const LAMP_NEARER = 0.25;
@@ -115,6 +117,7 @@ export class Lamps {
   }
 
   addSun() {
+    if (this.isDark && this.light.stops === 0) this.light.set({ stops: STOPS_UNDER_SUN });
     const azimuth = Math.round(wrapped(this.heading + 180 - SUN_ASIDE - this.light.turn));
     this.append({ kind: "sun", azimuth, elevation: SUN_ELEVATION, ...SUN });
   }
