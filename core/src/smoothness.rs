@@ -28,9 +28,9 @@ pub const CREASE_REACH: usize = 4;
 /// Pixels to either side over which normals are blurred.
 pub const BLUR_REACH: usize = 2;
 /// 1 / ε²: |b| above ε = 0.025, 1.4°, saturates.
-pub const INVERSE_SQUARED_LIMIT: f32 = 1600.0;
+const INVERSE_SQUARED_LIMIT: f32 = 1600.0;
 /// 1 / g²: a crease turns blurred normals by |b| of g = 0.03 and more.
-pub const INVERSE_SQUARED_CREASE: f32 = 1111.0;
+const INVERSE_SQUARED_CREASE: f32 = 1111.0;
 /// s₀: a pixel that is brighter by this much through reflection, in sRGB, has half of the largest
 /// weight.
 pub const REFLECTED_HALF: f32 = 0.1;

@@ -3,7 +3,7 @@
 use crate::math;
 
 /// Golden angle, π (3 − √5), in radians: it keeps neighbours of a spiral farthest from all others.
-pub const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+pub(crate) const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
 
 /// Unit directions, evenly spread over the sphere from +z to −z: a Fibonacci lattice, each with the
 /// same share of it.

@@ -129,7 +129,7 @@ impl PictureFolder {
     }
 
     /// Path of the true picture of a view.
-    pub fn true_picture(&self, index: usize) -> PathBuf {
+    pub(crate) fn true_picture(&self, index: usize) -> PathBuf {
         self.path.join("gt").join(picture_name(index))
     }
 
