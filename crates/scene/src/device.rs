@@ -7,7 +7,7 @@ use specula_core::{
     pack::Storage,
 };
 #[cfg(feature = "gpu")]
-use specula_gpu::{AdapterReport, Gpu, Place, adapters};
+use specula_gpu::{AdapterPlace, AdapterReport, Gpu, adapters};
 
 /// Executor that is asked for: `auto`, `cpu`, `gpu` or `gpu:NAME` as text.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -124,7 +124,7 @@ pub enum Device {
     Cpu,
     /// GPU, opened; of a rank with its place among the GPUs of the machine.
     #[cfg(feature = "gpu")]
-    Gpu(Box<Gpu>, Option<Place>),
+    Gpu(Box<Gpu>, Option<AdapterPlace>),
 }
 
 #[cfg(feature = "gpu")]
