@@ -43,7 +43,7 @@ pub fn half_extent<R: Real>(splat: &Splat<R>, reach: R) -> [R; 2] {
 /// Mask of splats whose box, half its extent to either side of the centre, touches a picture of
 /// this size, all in pixels.
 #[inline(always)]
-pub fn touches_picture<R: Real>(center: [R; 2], half_extent: [R; 2], size: [R; 2]) -> R::Mask {
+pub(crate) fn touches_picture<R: Real>(center: [R; 2], half_extent: [R; 2], size: [R; 2]) -> R::Mask {
     let touches = |axis: usize| {
         let (center, half) = (center[axis], half_extent[axis]);
         center.zero().less_or_equal(center + half) & (center - half).less_or_equal(size[axis])

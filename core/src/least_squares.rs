@@ -30,7 +30,7 @@ impl LeastSquares {
     }
 
     /// The same rows with all weights times `weight`, and no targets yet.
-    pub fn without_targets(&self, weight: f64) -> Self {
+    pub(crate) fn without_targets(&self, weight: f64) -> Self {
         Self { normal: self.normal.map(|number| number * weight), ..Self::new(self.count) }
     }
 
@@ -41,7 +41,7 @@ impl LeastSquares {
     }
 
     /// Adds only the row of an equation, as [`LeastSquares::add`] does.
-    pub fn add_row(&mut self, values: &Row, weight: f64) {
+    pub(crate) fn add_row(&mut self, values: &Row, weight: f64) {
         for (row, value) in values[..self.count].iter().enumerate() {
             let start = row * (row + 1) / 2;
             for (sum, other) in self.normal[start..=start + row].iter_mut().zip(values) {
@@ -51,7 +51,7 @@ impl LeastSquares {
     }
 
     /// Adds only the target of an equation, as [`LeastSquares::add`] does.
-    pub fn add_target(&mut self, values: &Row, target: [f64; 3], weight: f64) {
+    pub(crate) fn add_target(&mut self, values: &Row, target: [f64; 3], weight: f64) {
         for (right, value) in self.right[..self.count].iter_mut().zip(values) {
             for (sum, target) in right.iter_mut().zip(target) {
                 *sum += weight * value * target;

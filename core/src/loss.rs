@@ -13,7 +13,7 @@ use crate::{
 /// Pixels along an edge of the window of SSIM.
 pub const SSIM_WINDOW: usize = 11;
 /// Standard deviation of the window of SSIM, in pixels.
-pub const SSIM_SIGMA: f32 = 1.5;
+const SSIM_SIGMA: f32 = 1.5;
 const SSIM_C1: f32 = 0.01 * 0.01;
 const SSIM_C2: f32 = 0.03 * 0.03;
 
@@ -213,8 +213,8 @@ pub fn metalness_vjp<R: Real>(logit: R, suggested: R, grad: R) -> R {
     slope.keep(logit.is_finite() & suggested.is_finite())
 }
 
-/// Minimum distance of coverage from 0 and 1 in [`sparse_coverage`].
-pub const COVERAGE_MARGIN: f32 = 1e-3;
+/// Coverage is kept this far from 0 and 1 in [`sparse_coverage`].
+const COVERAGE_MARGIN: f32 = 1e-3;
 
 /// ln A + ln(1 − A) of a pixel's coverage, limited: the authors' code's form of the sparse loss.
 #[inline(always)]

@@ -60,8 +60,8 @@ impl LevelRange {
     pub const fn contains(self, level: usize) -> bool {
         self.first <= level && level < self.end
     }
-    /// This range with one more level on either side.
-    pub const fn and_neighbours(self) -> Self {
+    /// This range, with one more level to either side.
+    pub(crate) const fn and_neighbours(self) -> Self {
         Self { first: self.first.saturating_sub(1), end: self.end + 1 }
     }
 }
@@ -105,7 +105,7 @@ pub enum MipRoughness {
 
 impl MipRoughness {
     /// Roughness of a level; the last level has 1.
-    pub fn of_level(self, level: usize, last: usize) -> f32 {
+    fn of_level(self, level: usize, last: usize) -> f32 {
         let share = level as f32 / last as f32;
         match self {
             Self::Linear => share,

@@ -129,9 +129,9 @@ impl AnyLane for bool {
     }
 }
 
-/// Coefficients of 2^x on [−½, ½], lowest first: the polynomial of degree 5 with the smallest
-/// relative error, 7.5e-8, about that of `f32`.
-pub const EXP2_COEFFICIENTS: [f32; 6] =
+/// Coefficients of 2^x on [−½, ½], lowest first: the polynomial of degree 5 with the least relative
+/// error, 7.5e-8, about that of `f32` itself.
+const EXP2_COEFFICIENTS: [f32; 6] =
     [1.000_000_1, 0.693_146_94, 0.240_221_2, 0.055_507_13, 0.009_675_541, 0.001_327_647_2];
 /// Exponents below this give denormal numbers, which cost an order of magnitude in time.
 pub const EXP2_MIN: f32 = -126.0;
@@ -144,7 +144,7 @@ pub const ROUND_MAGIC: f32 = 12_582_912.0; // 1.5 · 2^23
 
 /// 2 / ((2k+1) ln 2), k = 0…4: log2(m) = Σ cₖ s^(2k+1) with s = (m−1)/(m+1), to 4e-10 for m in [√½,
 /// √2].
-pub const LOG2_COEFFICIENTS: [f32; 5] = [2.885_39, 0.961_796_7, 0.577_078, 0.412_198_6, 0.320_598_9];
+const LOG2_COEFFICIENTS: [f32; 5] = [2.885_39, 0.961_796_7, 0.577_078, 0.412_198_6, 0.320_598_9];
 
 /// The polynomial of [`Real::exp2`], on [−½, ½]; in pairs (Estrin), for short dependency chains.
 #[inline(always)]

@@ -28,10 +28,11 @@ pub const CREASE_REACH: usize = 4;
 /// Radius in pixels of the blur of normals.
 pub const BLUR_REACH: usize = 2;
 /// 1 / ε²: |b| above ε = 0.025, 1.4°, saturates.
-pub const INVERSE_SQUARED_LIMIT: f32 = 1600.0;
+const INVERSE_SQUARED_LIMIT: f32 = 1600.0;
 /// 1 / g²: a crease turns blurred normals by |b| of g = 0.03 and more.
-pub const INVERSE_SQUARED_CREASE: f32 = 1111.0;
-/// s₀: brightness added by reflection, in sRGB, with half of the largest weight.
+const INVERSE_SQUARED_CREASE: f32 = 1111.0;
+/// s₀: a pixel that is brighter by this much through reflection, in sRGB, has half of the largest
+/// weight.
 pub const REFLECTED_HALF: f32 = 0.1;
 /// Length below which a blended normal has no direction.
 pub const LENGTH_MIN: f32 = 0.25;

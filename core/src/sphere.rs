@@ -2,8 +2,8 @@
 
 use crate::math;
 
-/// Golden angle, π (3 − √5), in radians: it maximises the distance between neighbours on a spiral.
-pub const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+/// Golden angle, π (3 − √5), in radians: it keeps neighbours of a spiral farthest from all others.
+pub(crate) const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
 
 /// Unit directions, evenly spread over the sphere from +z to −z: a Fibonacci lattice with equal
 /// areas.

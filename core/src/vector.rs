@@ -115,7 +115,7 @@ impl<R: Real> Vec3<R> {
     /// Components of `self` where those of `number` are below `limit` in magnitude, zero elsewhere:
     /// the gradient of a clamped number.
     #[inline(always)]
-    pub fn keep_below(self, number: Self, limit: f32) -> Self {
+    pub(crate) fn keep_below(self, number: Self, limit: f32) -> Self {
         let limit = number.x.constant(limit);
         vec3(
             self.x.keep(number.x.abs().less(limit)),

@@ -35,7 +35,7 @@ mod testing;
 
 pub use compose::Composer;
 pub use device::{
-    adapter::{AdapterReport, Place, adapters},
+    adapter::{AdapterPlace, AdapterReport, adapters},
     ceilings::Ceilings,
     chunks::ChunkedArray,
     error::GpuError,

@@ -9,7 +9,7 @@
 
 use glam::{DMat3, DVec3};
 use specula_oracle::independent::{
-    rays::{Gaussian, View},
+    rays::{Gaussian, RayView},
     surface::Look,
 };
 
@@ -33,7 +33,7 @@ struct Blot {
 }
 
 /// The picture, row by row, of plain Gaussians.
-pub fn render(scene: &[(Gaussian, Look)], view: &View, background: [f64; 3]) -> Vec<[f64; 3]> {
+pub fn render(scene: &[(Gaussian, Look)], view: &RayView, background: [f64; 3]) -> Vec<[f64; 3]> {
     let [width, height] = view.size;
     let mut blots: Vec<Blot> = scene.iter().filter_map(|(gaussian, look)| blot(gaussian, look, view)).collect();
     blots.sort_by(|a, b| a.depth.total_cmp(&b.depth));
@@ -77,7 +77,7 @@ impl Blot {
     }
 }
 
-fn blot(gaussian: &Gaussian, look: &Look, view: &View) -> Option<Blot> {
+fn blot(gaussian: &Gaussian, look: &Look, view: &RayView) -> Option<Blot> {
     let from_eye = gaussian.mean - view.position;
     let DVec3 { x, y, z } = view.camera_from_world * from_eye;
     if z <= NEAR {
@@ -120,7 +120,7 @@ mod tests {
     use crate::compare::assert_close;
     use specula_oracle::independent::rays::LowPass;
 
-    const VIEW: View = View {
+    const VIEW: RayView = RayView {
         camera_from_world: DMat3::IDENTITY,
         position: DVec3::ZERO,
         focal_px: [100.0, 100.0],

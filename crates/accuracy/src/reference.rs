@@ -12,7 +12,7 @@ use specula_core::{
 use specula_oracle::{
     self as oracle,
     independent::{
-        rays::{Gaussian, Order, View, blend},
+        rays::{Gaussian, Order, RayView, blend},
         surface,
     },
     number::Number,
@@ -103,7 +103,7 @@ impl Reference {
         let narrow = |channels: Vec<Double>| channels.into_iter().map(Number::value).collect();
         let channels: Vec<Vec<f64>> =
             oracle::shade(&self.gaussians, camera, light, &rules).into_iter().map(narrow).collect();
-        let blended = blend(&self.independent, &channels, &View::of(camera), order);
+        let blended = blend(&self.independent, &channels, &RayView::of(camera), order);
         let Image { width, height, channels, values } = blended;
         let frame = Image { width, height, channels, values: values.into_iter().map(Double).collect() };
         let is_deferred = rules.is_deferred(self.gaussians.layout);

@@ -22,7 +22,7 @@ mod sphere;
 pub mod surface;
 
 use glam::DVec3;
-use rays::{Gaussian, Order, View, blend};
+use rays::{Gaussian, Order, RayView, blend};
 use specula_core::scene::Image;
 use surface::{Light, Look, SURFACE_CHANNELS, Surface, pixel_color};
 
@@ -41,7 +41,7 @@ pub fn render(
     scene: &[(Gaussian, Look)],
     light: &Light<'_>,
     light_per: LightPer,
-    view: &View,
+    view: &RayView,
     order: Order,
 ) -> Image<Vec<f64>> {
     let gaussians: Vec<Gaussian> = scene.iter().map(|(gaussian, _)| *gaussian).collect();
@@ -63,13 +63,13 @@ pub fn render(
     }
 }
 
-/// Unit direction from a Gaussian.
-fn to_eye(gaussian: &Gaussian, view: &View) -> DVec3 {
+/// From a Gaussian, of unit length.
+fn to_eye(gaussian: &Gaussian, view: &RayView) -> DVec3 {
     (view.position - gaussian.mean).normalize()
 }
 
 /// Blended surfaces under a light.
-fn shaded(blended: &Image<Vec<f64>>, light: &Light<'_>, view: &View) -> Image<Vec<f64>> {
+fn shaded(blended: &Image<Vec<f64>>, light: &Light<'_>, view: &RayView) -> Image<Vec<f64>> {
     let count = blended.pixel_count();
     let mut values = vec![0.0; 4 * count];
     for pixel in 0..count {

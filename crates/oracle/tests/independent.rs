@@ -15,7 +15,7 @@ use specula_oracle::{
     independent::{
         LightPer,
         lobe::{CubeMap, filtered},
-        rays::{self, Gaussian, Order, View, blend},
+        rays::{self, Gaussian, Order, RayView, blend},
         render,
         surface::{Look, gaussians},
     },
@@ -39,8 +39,8 @@ fn cloud(layout: Layout, seed: u64, larger: f32) -> Gaussians<Vec<f32>> {
     cloud
 }
 
-fn view() -> View {
-    View::of(&camera(SIZE[0], SIZE[1]))
+fn view() -> RayView {
+    RayView::of(&camera(SIZE[0], SIZE[1]))
 }
 
 /// The pipeline's colours and transmittance, along rays, nothing cut off.
@@ -157,8 +157,8 @@ fn crossing() -> (Vec<Gaussian>, Vec<Vec<f64>>) {
 }
 
 /// Looks along +z from the origin.
-fn straight() -> View {
-    View {
+fn straight() -> RayView {
+    RayView {
         camera_from_world: DMat3::IDENTITY,
         position: DVec3::ZERO,
         focal_px: [40.0, 40.0],
@@ -221,8 +221,11 @@ fn turning_the_whole_world_changes_nothing() {
         (Gaussian { mean: turn * own.mean, axes: turn * own.axes, ..*own }, look.clone())
     };
     let turned: Vec<_> = scene.iter().map(turned).collect();
-    let other =
-        View { camera_from_world: view.camera_from_world * turn.transpose(), position: turn * view.position, ..view };
+    let other = RayView {
+        camera_from_world: view.camera_from_world * turn.transpose(),
+        position: turn * view.position,
+        ..view
+    };
     for order in ORDERS {
         let before = render(&scene, &no_light, LightPer::Gaussian, &view, order).values;
         let after = render(&turned, &no_light, LightPer::Gaussian, &other, order).values;
@@ -241,7 +244,7 @@ fn turning_the_camera_pops_only_in_the_order_of_means() {
     let apart = |order| {
         let mut most = 0.0_f64;
         for step in -20..20 {
-            let turned = |step: f64| View {
+            let turned = |step: f64| RayView {
                 camera_from_world: DMat3::from_rotation_y(1e-3 * step),
                 // The same ray, of so narrow a pixel that the low-pass is nothing.
                 focal_px: [1e6, 1e6],

@@ -2,13 +2,13 @@
 
 /// Table of a page.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Table {
+pub(crate) struct HtmlTable {
     pub(crate) heads: Vec<String>,
     /// Cells of each row, one per head.
     pub(crate) rows: Vec<Vec<String>>,
 }
 
-impl Table {
+impl HtmlTable {
     /// Table with these heads and rows.
     pub(crate) fn new<const N: usize>(heads: [&str; N], rows: impl IntoIterator<Item = [String; N]>) -> Self {
         Self { heads: heads.map(str::to_owned).into(), rows: rows.into_iter().map(Vec::from).collect() }

@@ -240,7 +240,7 @@ fn over_colors(image: &Image<Vec<f32>>, behind: &[[f32; 3]]) -> Vec<f32> {
 
 /// Colours of a light behind each pixel of a camera, row by row: its radiance in the direction of
 /// the pixel's centre, in sRGB from 0 to 1.
-pub fn environment_colors(light: &Environment<Vec<f32>>, camera: &Camera) -> Vec<[f32; 3]> {
+pub(crate) fn environment_colors(light: &Environment<Vec<f32>>, camera: &Camera) -> Vec<[f32; 3]> {
     let world_from_camera = camera.camera_from_world.transpose();
     let direction = |index: u32| {
         let [x, y] = [index % camera.width, index / camera.width].map(|pixel| pixel as f32 + 0.5);

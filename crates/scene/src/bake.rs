@@ -88,8 +88,8 @@ pub fn bake<E: ReadBack>(
 ///
 /// # Errors
 ///
-/// Those of [`bake`], which computes the normals.
-pub fn bake_diffuse<E: ReadBack>(
+/// Those of [`bake`], which finds the normals.
+pub(crate) fn bake_diffuse<E: ReadBack>(
     exec: E,
     scene: &Scene,
     cameras: &[Camera],
@@ -108,18 +108,18 @@ pub fn bake_diffuse<E: ReadBack>(
 
 /// Activated attributes of a Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ActivatedAttributes {
+pub(crate) struct ActivatedAttributes {
     /// Diffuse colour.
-    pub diffuse: [f32; 3],
+    pub(crate) diffuse: [f32; 3],
     /// Specular tint.
-    pub tint: [f32; 3],
+    pub(crate) tint: [f32; 3],
     /// Perceptual roughness, in (0, 1).
-    pub roughness: f32,
+    pub(crate) roughness: f32,
 }
 
 impl ActivatedAttributes {
-    /// Attributes of a Gaussian of a shaded scene.
-    pub fn of(gaussians: &Gaussians<Vec<f32>>, index: usize, shading: ShadingRules) -> Self {
+    /// Attributes of one of the Gaussians of a shaded scene.
+    pub(crate) fn of(gaussians: &Gaussians<Vec<f32>>, index: usize, shading: ShadingRules) -> Self {
         let material = material(gaussians, index, shading);
         let Surface { diffuse, tint, .. } = surface(&material, vector([0.0, 0.0, 1.0]), shading);
         Self { diffuse: diffuse.to_array(), tint: tint.to_array(), roughness: sigmoid(material.roughness) }

@@ -7,7 +7,7 @@ use specula_core::{
     pack::Storage,
 };
 #[cfg(feature = "gpu")]
-use specula_gpu::{AdapterReport, Gpu, Place, adapters};
+use specula_gpu::{AdapterPlace, AdapterReport, Gpu, adapters};
 
 /// Requested executor: `auto`, `cpu`, `gpu` or `gpu:NAME` as text.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -123,7 +123,7 @@ pub enum Device {
     Cpu,
     /// Opened GPU; for a rank with its index among the GPUs of the machine.
     #[cfg(feature = "gpu")]
-    Gpu(Box<Gpu>, Option<Place>),
+    Gpu(Box<Gpu>, Option<AdapterPlace>),
 }
 
 #[cfg(feature = "gpu")]

@@ -7,8 +7,8 @@ use specula_core::{
 };
 use specula_io::latlong::{self, UpAxis};
 
-/// Resolution from which the exact prefilter takes seconds or more.
-pub const RESOLUTION_SLOW: usize = 256;
+/// Resolution from which on the exact prefilter takes seconds or more.
+pub(crate) const RESOLUTION_SLOW: usize = 256;
 
 /// Linear radiance of an environment's texels; those of a network are at roughness 0.
 pub fn radiance(light: &Environment<Vec<f32>>) -> Vec<f32> {
@@ -34,7 +34,7 @@ pub fn fitting(light: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> Enviro
 
 /// Environment at another resolution, by way of a lat-long map of four by two times its size; a
 /// network is evaluated at any.
-pub fn resampled(light: &Environment<Vec<f32>>, resolution: usize) -> Environment<Vec<f32>> {
+pub(crate) fn resampled(light: &Environment<Vec<f32>>, resolution: usize) -> Environment<Vec<f32>> {
     if resolution == light.resolution {
         return light.clone();
     }

@@ -144,7 +144,7 @@ pub fn is_of_model(file: &Path, model: &Path, folder: Option<&Path>) -> bool {
 pub enum BakeMethod {
     /// Harmonics of the colours under the scene's light ([`bake`]).
     Harmonics,
-    /// Diffuse colours only ([`bake_diffuse`]).
+    /// Only diffuse colours.
     Diffuse,
 }
 

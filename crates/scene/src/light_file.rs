@@ -111,7 +111,7 @@ pub fn read(input: Input<'_>) -> Result<(LatLong, Vec<String>), SceneError> {
 /// # Errors
 ///
 /// A file that cannot be written.
-pub fn write_preview(
+pub(crate) fn write_preview(
     path: &Path,
     values: &[f32],
     resolution: usize,

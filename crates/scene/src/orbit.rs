@@ -17,9 +17,9 @@ use specula_train::view::extent_of_cameras;
 pub use specula_mesh::fusion::evenly_spaced;
 
 /// Width and height of pictures of a scene without cameras, in pixels.
-pub const DEFAULT_SIZE: [u32; 2] = [800, 800];
+pub(crate) const DEFAULT_SIZE: [u32; 2] = [800, 800];
 /// Cameras in the orbit of a scene without cameras.
-pub const DEFAULT_COUNT: u32 = 8;
+pub(crate) const DEFAULT_COUNT: u32 = 8;
 
 /// Cameras of a turntable: a circle around the centre of a scene, at the mean elevation of its
 /// known cameras. If these leave a gap of a quarter of the circle or more, the turntable goes back
@@ -56,8 +56,8 @@ pub fn sphere(gaussians: &Gaussians<Vec<f32>>, count: u32) -> Vec<Camera> {
     cameras.into_iter().map(|camera| Camera { near, ..camera }).collect()
 }
 
-/// Near plane of cameras, proportional to their spread.
-pub fn near_plane(cameras: &[NamedCamera]) -> f32 {
+/// Near plane of cameras, in proportion to how far they spread.
+pub(crate) fn near_plane(cameras: &[NamedCamera]) -> f32 {
     near_of(extent_of_cameras(cameras.iter().map(|(_, camera)| camera)))
 }
 

@@ -127,8 +127,8 @@ impl PictureFolder {
         self.picture(layer, index).with_extension("exr")
     }
 
-    /// Path of the ground truth of a view.
-    pub fn true_picture(&self, index: usize) -> PathBuf {
+    /// Path of the true picture of a view.
+    pub(crate) fn true_picture(&self, index: usize) -> PathBuf {
         self.path.join("gt").join(picture_name(index))
     }
 

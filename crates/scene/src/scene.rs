@@ -47,7 +47,7 @@ pub struct Scene {
 
 impl Scene {
     /// Result of a training.
-    pub fn of_training(host: HostScene, shading_model: ShadingModel) -> Self {
+    pub(crate) fn of_training(host: HostScene, shading_model: ShadingModel) -> Self {
         let HostScene { gaussians, environment, near_field } = host;
         Self { gaussians, light: environment, near_field: near_field.map(Surface::shared), lamps: None, shading_model }
     }

@@ -175,7 +175,7 @@ impl ShadingModel {
     }
 
     /// Converts the numbers of files to attributes of this model.
-    pub fn decode(self, gaussians: &mut Gaussians<Vec<f32>>) {
+    pub(crate) fn decode(self, gaussians: &mut Gaussians<Vec<f32>>) {
         convert(gaussians, self.shading, -1.0);
     }
 

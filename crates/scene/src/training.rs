@@ -12,7 +12,8 @@ mod note;
 mod run;
 mod session;
 
-pub use checkpoint::{Checkpoints, PictureSum, describe, describe_pictures, settings_text};
+pub use checkpoint::{Checkpoints, describe, settings_text};
+pub(crate) use checkpoint::{PictureSum, describe_pictures};
 pub use info::model_info;
 pub use lock::Lock;
 pub use note::Note;

@@ -14,7 +14,7 @@ use specula_cpu::CpuExecutor;
 use specula_io::latlong::{LatLong, UpAxis};
 use specula_oracle::independent::{
     paths::{Shape, Solid, Sun, Traced, World},
-    rays::View,
+    rays::RayView,
 };
 use specula_scene::{
     Scene, SceneRenderer, Shading, ShadingModel, Surface,
@@ -163,7 +163,7 @@ fn squares(picture: &[f64]) -> Vec<f64> {
 
 /// Path-traced pictures, in sRGB over white.
 fn traced(world: &World<'_>, bounces: u32) -> Vec<Vec<f64>> {
-    cameras(SIZE).iter().map(|camera| shown(&world.picture(&View::of(camera), bounces, PATHS, 1))).collect()
+    cameras(SIZE).iter().map(|camera| shown(&world.picture(&RayView::of(camera), bounces, PATHS, 1))).collect()
 }
 
 fn shown(traced: &[Traced]) -> Vec<f64> {
@@ -189,7 +189,7 @@ fn shadow_iou(world: &World<'_>, a: &[Vec<f64>], b: &[Vec<f64>]) -> f64 {
     const DARK: f64 = 0.4;
     let (mut both, mut either) = (0, 0);
     for ((camera, a), b) in cameras(SIZE).iter().zip(a).zip(b) {
-        let view = View::of(camera);
+        let view = RayView::of(camera);
         let is_floor =
             |pixel: usize| world.seen(&view, pixel).is_some_and(|(solid, normal)| solid == 0 && normal.z > 0.5);
         for pixel in (0..view.pixel_count()).filter(|pixel| is_floor(*pixel)) {

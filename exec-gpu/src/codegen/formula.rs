@@ -203,7 +203,7 @@ impl<'a, R: Real> Inputs<'a, R> {
 }
 
 /// WGSL type of `len` numbers.
-pub fn type_of(len: usize) -> String {
+pub(crate) fn type_of(len: usize) -> String {
     match len {
         1 => "f32".to_owned(),
         2..=4 => format!("vec{len}f"),
@@ -297,7 +297,7 @@ impl Returned {
 }
 
 /// Name of a structure: `splat_of` becomes `SplatOf`.
-pub fn capitalized(name: &str) -> String {
+fn capitalized(name: &str) -> String {
     name.split('_')
         .flat_map(|word| {
             let (first, rest) = word.split_at(word.len().min(1));

@@ -43,7 +43,7 @@ pub(crate) fn report(adapter: &Adapter) -> AdapterReport {
 
 /// Index of an adapter among those assigned to the ranks of one machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Place {
+pub struct AdapterPlace {
     /// Number of the adapter, from 0.
     pub number: usize,
     /// Count of adapters, at least 1.
@@ -66,9 +66,9 @@ impl Traits {
 }
 
 /// Index and place of the adapter of a rank, by its number among the ranks of a machine. The first
-/// adapter with `wanted` in its name, hardware if there is any, determines the backend and the
-/// kind; ranks cycle through the adapters of this kind.
-pub(crate) fn selected(adapters: &[Traits], wanted: &str, rank: usize) -> Option<(usize, Place)> {
+/// adapter with `wanted` in its name, of hardware if there is any, decides the backend and whether
+/// drivers compute on the CPU; ranks cycle through the adapters of this kind.
+pub(crate) fn selected(adapters: &[Traits], wanted: &str, rank: usize) -> Option<(usize, AdapterPlace)> {
     let wanted = wanted.to_lowercase();
     let named = || adapters.iter().enumerate().filter(|(_, adapter)| adapter.name.contains(&wanted));
     let (_, first) = named().min_by_key(|(_, adapter)| adapter.is_software)?;
@@ -77,7 +77,7 @@ pub(crate) fn selected(adapters: &[Traits], wanted: &str, rank: usize) -> Option
         .map(|(index, _)| index);
     let alike: Vec<usize> = alike.collect();
     let number = rank % alike.len();
-    Some((alike[number], Place { number, count: alike.len() }))
+    Some((alike[number], AdapterPlace { number, count: alike.len() }))
 }
 
 #[cfg(test)]
@@ -108,7 +108,7 @@ mod tests {
         assert_eq!(of_ranks(&adapters, "amd"), [Some(3), Some(3)]);
         assert_eq!(of_ranks(&adapters, "LLVM"), [Some(0), Some(0)], "a driver that is named is used");
         assert_eq!(of_ranks(&adapters, "intel"), [None]);
-        assert_eq!(selected(&adapters, "", 4), Some((2, Place { number: 1, count: 3 })));
+        assert_eq!(selected(&adapters, "", 4), Some((2, AdapterPlace { number: 1, count: 3 })));
     }
 
     #[test]

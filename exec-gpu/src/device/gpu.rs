@@ -5,7 +5,7 @@
 //! device stays lost: it may be in the middle of a step, so nothing is read from it again.
 
 use crate::device::{
-    adapter::{Place, Traits, all_adapters, selected},
+    adapter::{AdapterPlace, Traits, all_adapters, selected},
     cache::KernelCache,
     error::GpuError,
 };
@@ -76,7 +76,7 @@ impl Gpu {
     /// # Errors
     ///
     /// Those of [`Gpu::new`].
-    pub fn nth(wanted: &str, rank: usize) -> Result<(Self, Place), GpuError> {
+    pub fn nth(wanted: &str, rank: usize) -> Result<(Self, AdapterPlace), GpuError> {
         let adapters = all_adapters();
         let traits: Vec<Traits> = adapters.iter().map(Traits::of).collect();
         let none = || GpuError::NoAdapter { wanted: wanted.to_owned() };

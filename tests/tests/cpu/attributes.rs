@@ -21,7 +21,7 @@ use specula_core::{
 use specula_tests::{
     compare::{ROUNDING_F32, assert_all_close, assert_close},
     independent::{
-        rays::{Gaussian, View},
+        rays::{Gaussian, RayView},
         surface::{Look, Surface, gaussians, sum_of_harmonics},
     },
     number::vector,
@@ -70,7 +70,7 @@ fn channels_of(shading: &GaussianShading, cloud: &Gaussians<Vec<f32>>) -> Vec<Ve
 
 /// Unit vector to the eye, and depth along the optical axis.
 fn eye_and_depth(gaussian: &Gaussian) -> (DVec3, f64) {
-    let view = View::of(&camera());
+    let view = RayView::of(&camera());
     let from_eye = gaussian.mean - view.position;
     (-from_eye.normalize(), (view.camera_from_world * from_eye).z)
 }

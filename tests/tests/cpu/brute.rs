@@ -12,7 +12,7 @@ use specula_core::{
 use specula_tests::{
     brute,
     compare::{assert_psnr, psnr},
-    independent::{rays::View, surface::gaussians},
+    independent::{rays::RayView, surface::gaussians},
     plain::{composite, lift_gaussians, render},
     strategies::random_cloud,
 };
@@ -35,7 +35,7 @@ fn both(seed: u64, layout: Layout) -> [Vec<f64>; 2] {
     let frame = render::<Double>(&lift_gaussians(&cloud), None, &camera, &rules);
     let plain = composite(&frame, BACKGROUND).iter().map(|x| x.0).collect();
 
-    let picture = brute::render(&gaussians(&cloud), &View::of(&camera), BACKGROUND.map(f64::from));
+    let picture = brute::render(&gaussians(&cloud), &RayView::of(&camera), BACKGROUND.map(f64::from));
     [plain, [0, 1, 2].iter().flat_map(|c| picture.iter().map(|rgb| rgb[*c])).collect()]
 }
 

@@ -387,7 +387,7 @@ fn both(cloud: &Gaussians<Vec<f32>>, camera: &Camera) -> [Vec<f64>; 2] {
     let ours = planes
         .flat_map(|(plane, behind)| plane.iter().zip(passed).map(move |(x, t)| f64::from(x + t * behind)))
         .collect();
-    let picture = brute::render(&gaussians(cloud), &rays::View::of(camera), BACKGROUND.map(f64::from));
+    let picture = brute::render(&gaussians(cloud), &rays::RayView::of(camera), BACKGROUND.map(f64::from));
     [ours, [0, 1, 2].iter().flat_map(|c| picture.iter().map(|rgb| rgb[*c])).collect()]
 }
 

@@ -27,7 +27,7 @@ use specula_tests::{
     compare::{assert_psnr, psnr},
     formulas::camera,
     independent::{
-        rays::{self, View},
+        rays::{self, RayView},
         surface,
     },
     plain::{self, lift_gaussians, stress::stress_scenes},
@@ -97,7 +97,7 @@ fn by_rays(cloud: &Cloud, camera: &Camera, order: rays::Order) -> Vec<f64> {
         .into_iter()
         .map(|channels| channels.into_iter().map(|x| x.0).collect())
         .collect();
-    rays::blend(&gaussians, &colors, &View::of(camera), order).values
+    rays::blend(&gaussians, &colors, &RayView::of(camera), order).values
 }
 
 #[test]
@@ -113,7 +113,7 @@ fn the_depth_of_a_response_is_the_quotient_of_its_products() {
         let covariance = axes * axes.transpose() + DMat3::from_diagonal(DVec3::new(widened[0], widened[1], 0.0));
         let precision = covariance.inverse();
         for pixel in [[3, 5], [30, 20], [55, 39]] {
-            let ray = View::of(&camera).ray(pixel[1] * 60 + pixel[0]);
+            let ray = RayView::of(&camera).ray(pixel[1] * 60 + pixel[0]);
             let expected = (ray.dot(precision * mean) / ray.dot(precision * ray)).max(0.0);
             let offset = [0, 1].map(|axis| Double(pixel[axis] as f64 + 0.5) - responses[k].mean2d[axis]);
             let depth = responses[k].at(offset).0;

@@ -16,7 +16,7 @@
 
 use super::{
     brdf::{brdf, reflected},
-    rays::View,
+    rays::RayView,
 };
 use core::f64::consts::{FRAC_1_PI, PI, TAU};
 use glam::DVec3;
@@ -116,20 +116,20 @@ impl<'a> World<'a> {
         Self { solids, sky, suns, albedos: solids.iter().map(table).collect() }
     }
 
-    /// Picture of a view, from paths with at most `bounces` reflections after the first surface:
-    /// with 0, only the sky and the suns light a surface. `samples`² stratified paths start in each
-    /// pixel.
-    pub fn picture(&self, view: &View, bounces: u32, samples: usize, seed: u64) -> Vec<Traced> {
+    /// Picture of a view, of paths that are reflected at most `bounces` times after the first
+    /// surface: without any, only the sky and the suns light a surface. `samples` paths along each
+    /// edge of a pixel start from places of their own.
+    pub fn picture(&self, view: &RayView, bounces: u32, samples: usize, seed: u64) -> Vec<Traced> {
         (0..view.pixel_count()).into_par_iter().map(|pixel| self.pixel(view, pixel, bounces, samples, seed)).collect()
     }
 
-    /// Index of the solid at the centre of a pixel, and its normal there.
-    pub fn seen(&self, view: &View, pixel: usize) -> Option<(usize, DVec3)> {
+    /// Index of the solid that is seen through the middle of a pixel, and its normal there.
+    pub fn seen(&self, view: &RayView, pixel: usize) -> Option<(usize, DVec3)> {
         let direction = (view.camera_from_world.transpose() * view.ray(pixel)).normalize();
         self.hit(view.position, direction).map(|hit| (hit.solid, hit.normal))
     }
 
-    fn pixel(&self, view: &View, pixel: usize, bounces: u32, samples: usize, seed: u64) -> Traced {
+    fn pixel(&self, view: &RayView, pixel: usize, bounces: u32, samples: usize, seed: u64) -> Traced {
         let mut chance = Chance::of(seed, pixel as u64);
         let (mut sum, mut met) = (DVec3::ZERO, 0_usize);
         for sample in 0..samples * samples {
@@ -320,8 +320,8 @@ mod tests {
         Solid { shape, albedo: DVec3::splat(albedo), metalness, roughness }
     }
 
-    fn view() -> View {
-        View {
+    fn view() -> RayView {
+        RayView {
             camera_from_world: glam::DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y).transpose(),
             position: DVec3::new(0.0, -4.0, 0.0),
             focal_px: [1.0; 2],
@@ -333,7 +333,7 @@ mod tests {
 
     /// One narrow pixel that looks at the point of a ball that faces the eye.
     fn facing(world: &World<'_>, bounces: u32) -> DVec3 {
-        let view = View { focal_px: [1e4; 2], ..view() };
+        let view = RayView { focal_px: [1e4; 2], ..view() };
         world.picture(&view, bounces, 300, 7)[0].radiance.into()
     }
 

@@ -52,7 +52,7 @@ pub struct Gaussian {
 
 /// A pinhole camera that looks along +z, y down.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct View {
+pub struct RayView {
     /// Rotation from world to camera axes.
     pub camera_from_world: DMat3,
     /// The camera's centre, in world space.
@@ -67,7 +67,7 @@ pub struct View {
     pub size: [usize; 2],
 }
 
-impl View {
+impl RayView {
     /// One of core's cameras.
     pub fn of(camera: &Camera) -> Self {
         Self {
@@ -109,10 +109,10 @@ pub enum Order {
 }
 
 /// Channels of Gaussians as a picture: premultiplied planes, then the transmittance behind them.
-/// There are no tiles, culling or early termination: every Gaussian is evaluated in every pixel.
-/// `channels` has a list of the same length for each Gaussian; Gaussians of equal depth keep their
-/// order.
-pub fn blend(gaussians: &[Gaussian], channels: &[Vec<f64>], view: &View, order: Order) -> Image<Vec<f64>> {
+/// Nothing is tiled, culled or ended early: every Gaussian is evaluated in every pixel. `channels`
+/// has a list of one length for each Gaussian; those that are equally deep keep the order in which
+/// they come.
+pub fn blend(gaussians: &[Gaussian], channels: &[Vec<f64>], view: &RayView, order: Order) -> Image<Vec<f64>> {
     let count = channels.first().map_or(0, Vec::len);
     let in_camera: Vec<GaussianInCamera> =
         gaussians.iter().enumerate().filter_map(|(k, gaussian)| GaussianInCamera::new(k, gaussian, view)).collect();
@@ -153,8 +153,8 @@ struct Hit {
 }
 
 impl GaussianInCamera {
-    /// `None` for numbers that are not finite.
-    fn new(index: usize, gaussian: &Gaussian, view: &View) -> Option<Self> {
+    /// None for numbers that are not finite.
+    fn new(index: usize, gaussian: &Gaussian, view: &RayView) -> Option<Self> {
         let mean = view.camera_from_world * (gaussian.mean - view.position);
         let axes = view.camera_from_world * gaussian.axes;
         let LowPass { variance, is_compensated } = gaussian.low_pass;

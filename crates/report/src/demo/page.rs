@@ -3,7 +3,7 @@
 use crate::{
     demo::pictures::{Figure, Pictures},
     error::Result,
-    html::Table,
+    html::HtmlTable,
 };
 use askama::Template;
 use specula_scene::text::shown;
@@ -23,7 +23,7 @@ pub fn page<const N: usize>(
     pictures: &Pictures,
 ) -> Result<String> {
     let folder = shown(folder);
-    Ok(Page { folder, iterations, trainings: Table::with_heads(rows), pictures }.render()?)
+    Ok(Page { folder, iterations, trainings: HtmlTable::with_heads(rows), pictures }.render()?)
 }
 
 #[derive(Template)]
@@ -31,6 +31,6 @@ pub fn page<const N: usize>(
 struct Page<'a> {
     folder: String,
     iterations: u32,
-    trainings: Table,
+    trainings: HtmlTable,
     pictures: &'a Pictures,
 }

@@ -7,7 +7,7 @@ use crate::{
         results::{EvaluatedLight, Evaluation},
         view::{EDGE_MAX, ERROR_MAX, EvaluatedView},
     },
-    html::Table,
+    html::HtmlTable,
     light::COMMON_SIZE,
     measure::{MEASURES, PSNR, means},
 };
@@ -68,11 +68,11 @@ fn worst_first(views: &[EvaluatedView]) -> Vec<usize> {
 struct Page {
     scene: String,
     facts: String,
-    means: Table,
+    means: HtmlTable,
     /// Factors of the albedo as text.
     albedo_scale: Option<String>,
     light: Option<LightSection>,
-    relit: Option<Table>,
+    relit: Option<HtmlTable>,
     error_max: f32,
     edge_max: u32,
     /// Index and label of each computed measure.
@@ -94,7 +94,7 @@ impl Page {
             "PSNR dB, views scaled",
             "views",
         ];
-        let relit = || Table::new(heads, evaluation.relit.iter().map(RelitScene::cells));
+        let relit = || HtmlTable::new(heads, evaluation.relit.iter().map(RelitScene::cells));
         let shown = order.iter().take(VIEWS_MAX);
         Self {
             scene: text::shown(&evaluation.scene),
@@ -114,7 +114,7 @@ impl Page {
 
 /// Learned light on the page.
 struct LightSection {
-    measures: Table,
+    measures: HtmlTable,
     /// Path of the picture of both lights, if there is one.
     picture: Option<&'static str>,
 }
@@ -125,7 +125,7 @@ impl LightSection {
         let common = format!("correlation at {width} × {height}");
         let heads = [common.as_str(), "texel by texel", "scale", "scale of red, green, blue"];
         Self {
-            measures: Table::new(heads, [light.quality.cells()]),
+            measures: HtmlTable::new(heads, [light.quality.cells()]),
             picture: light.picture.as_ref().map(|_| LIGHT_PICTURE),
         }
     }
@@ -176,13 +176,13 @@ impl Ranges {
         (0..MEASURES.len()).filter(|index| self.0[*index].is_some())
     }
 
-    fn table(&self) -> Table {
+    fn table(&self) -> HtmlTable {
         let row = |index: usize| {
             let measure = MEASURES[index];
             let [worst, mean, best] = self.0[index]?.map(|value| measure.format(value));
             Some([format!("{} {}", measure.label, measure.unit.trim()), mean, worst, best])
         };
-        Table::new(["", "mean", "worst view", "best view"], (0..MEASURES.len()).filter_map(row))
+        HtmlTable::new(["", "mean", "worst view", "best view"], (0..MEASURES.len()).filter_map(row))
     }
 
     /// Position of a value between the worst, 0, and the best, 100.

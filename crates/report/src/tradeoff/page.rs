@@ -2,7 +2,7 @@
 
 use crate::{
     error::Result,
-    html::Table,
+    html::HtmlTable,
     tradeoff::{
         findings::{Findings, MeasuredSetting},
         lamps::{self, LampSetting},
@@ -51,10 +51,10 @@ struct Page<'a> {
     findings: &'a Findings,
     gaussians: String,
     threads: usize,
-    cheapest: Table,
+    cheapest: HtmlTable,
     /// SVG of all settings.
     front_plot: String,
-    front: Table,
+    front: HtmlTable,
     /// SVG of each parameter.
     plots: Vec<String>,
     /// Name of each property with a single value, and its description.
@@ -62,9 +62,9 @@ struct Page<'a> {
     sort: &'a Sort,
     /// Largest difference of the two renderers.
     renderer_difference: String,
-    orders: Table,
-    off_axis: Table,
-    lamps: Table,
+    orders: HtmlTable,
+    off_axis: HtmlTable,
+    lamps: HtmlTable,
     most_rays: usize,
     /// Name of each invariant, and its description.
     invariants: &'a [(&'a str, &'a str)],
@@ -86,7 +86,7 @@ impl<'a> Page<'a> {
             findings,
             gaussians: group_digits(findings.gaussians),
             threads: rayon::current_num_threads(),
-            cheapest: Table::new(HEADS, table::rows(findings)),
+            cheapest: HtmlTable::new(HEADS, table::rows(findings)),
             front_plot: front_plot(findings)?,
             front: front_table(findings),
             plots: parameter_plots(findings)?,
@@ -95,7 +95,7 @@ impl<'a> Page<'a> {
             renderer_difference: format!("{:.1e}", findings.sort.apart),
             orders: order_table(&findings.sort),
             off_axis: off_axis_table(&findings.off_axis),
-            lamps: Table::new(lamps::HEADS, findings.lamps.iter().map(LampSetting::row)),
+            lamps: HtmlTable::new(lamps::HEADS, findings.lamps.iter().map(LampSetting::row)),
             most_rays: RAYS_MAX,
             invariants: &PROMISES,
             stability: findings.stability.iter().map(StabilityRow::new).collect(),
@@ -133,7 +133,7 @@ fn front_plot(findings: &Findings) -> Result<String> {
 }
 
 /// Settings of the Pareto front.
-fn front_table(findings: &Findings) -> Table {
+fn front_table(findings: &Findings) -> HtmlTable {
     let points: Vec<[f64; 2]> = findings.measured.iter().map(MeasuredSetting::point).collect();
     let row = |index: usize| {
         let MeasuredSetting { setting, errors, .. } = &findings.measured[index];
@@ -145,7 +145,7 @@ fn front_table(findings: &Findings) -> Table {
             Difference(setting, &findings.default).to_string(),
         ]
     };
-    Table::new(["RMS", "PSNR", "max error", "ms", "changes from the default"], pareto(&points).into_iter().map(row))
+    HtmlTable::new(["RMS", "PSNR", "max error", "ms", "changes from the default"], pareto(&points).into_iter().map(row))
 }
 
 /// Plot of each parameter that has several values.
@@ -171,7 +171,7 @@ fn parameter_plots(findings: &Findings) -> Result<Vec<String>> {
 }
 
 /// Errors of orders against an exact order per pixel, and their run times.
-fn order_table(sort: &Sort) -> Table {
+fn order_table(sort: &Sort) -> HtmlTable {
     let row = |Sorted { by, errors, milliseconds }: &Sorted| {
         [
             by.clone(),
@@ -183,17 +183,17 @@ fn order_table(sort: &Sort) -> Table {
             milliseconds.map_or_else(|| "–".to_owned(), |milliseconds| format!("{milliseconds:.2}")),
         ]
     };
-    Table::new(["sorted by", "PSNR", "RMS", "max error", "FLIP", "normal MAE", "ms"], sort.orders.iter().map(row))
+    HtmlTable::new(["sorted by", "PSNR", "RMS", "max error", "FLIP", "normal MAE", "ms"], sort.orders.iter().map(row))
 }
 
 /// Shapes and angles in rows, scales in columns; each affine and on the tangent plane.
-fn off_axis_table(all: &[OffAxis]) -> Table {
+fn off_axis_table(all: &[OffAxis]) -> HtmlTable {
     let heads = ["shape".to_owned(), "angle off the axis".to_owned()].into_iter();
     let row = |errors: &[OffAxis]| {
         let first = [errors[0].shape.to_owned(), format!("{}°", errors[0].degrees)].into_iter();
         first.chain(errors.iter().map(|errors| format!("{:.1e} / {:.1e}", errors.affine, errors.tangent))).collect()
     };
-    Table {
+    HtmlTable {
         heads: heads.chain(SCALES.iter().map(f64::to_string)).collect(),
         rows: all.chunks(SCALES.len()).map(row).collect(),
     }

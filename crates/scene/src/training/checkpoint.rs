@@ -85,13 +85,13 @@ impl Checkpoints {
 
 /// Name, camera and checksum of a picture, which identify it.
 #[derive(Clone, Copy, Debug)]
-pub struct PictureSum<'a> {
+pub(crate) struct PictureSum<'a> {
     /// Name in the data set.
-    pub name: &'a str,
+    pub(crate) name: &'a str,
     /// Camera of the picture.
-    pub camera: &'a Camera,
+    pub(crate) camera: &'a Camera,
     /// CRC-32 of its red, green, blue and alpha bytes.
-    pub pixels: u32,
+    pub(crate) pixels: u32,
 }
 
 /// Description of a training before its first step; `config` is the text of the user's settings.
@@ -104,7 +104,7 @@ pub fn describe(settings: &Settings, config: String, views: &[View]) -> Facts {
 }
 
 /// [`describe`] for pictures that are not in memory.
-pub fn describe_pictures<'a>(
+pub(crate) fn describe_pictures<'a>(
     settings: &Settings,
     config: String,
     pictures: impl ExactSizeIterator<Item = PictureSum<'a>>,
