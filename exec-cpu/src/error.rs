@@ -1,7 +1,7 @@
 //! Errors of the stages.
 
 use specula_core::{
-    executor::BufferLength, lamps::LampError, light_network::LightNetworkError, near_field::NearFieldError,
+    executor::{BufferLength, Unsupported}, lamps::LampError, light_network::LightNetworkError, near_field::NearFieldError,
     prefilter::RESOLUTION_MAX,
 };
 
@@ -55,4 +55,7 @@ pub enum CpuError {
     /// A buffer of another length than the numbers that are read into it.
     #[error(transparent)]
     BufferLength(BufferLength),
+    /// A result that this executor does not compute.
+    #[error(transparent)]
+    Unsupported(#[from] Unsupported),
 }

@@ -1,7 +1,7 @@
 //! Errors of the executor.
 
 use specula_core::{
-    executor::BufferLength, lamps::LampError, light_network::LightNetworkError, near_field::NearFieldError,
+    executor::{BufferLength, Unsupported}, lamps::LampError, light_network::LightNetworkError, near_field::NearFieldError,
     prefilter::RESOLUTION_MAX,
 };
 
@@ -77,6 +77,9 @@ pub enum GpuError {
     /// A buffer of another length than the numbers that are read into it.
     #[error(transparent)]
     BufferLength(BufferLength),
+    /// A result that this executor does not compute.
+    #[error(transparent)]
+    Unsupported(#[from] Unsupported),
     /// A light's resolution cannot be filtered.
     #[error(
         "a light of resolution {resolution} cannot be filtered; use a power of two from {least} to {RESOLUTION_MAX}"
