@@ -1,7 +1,10 @@
 //! Errors of the stages.
 
 use specula_core::{
-    executor::{BufferLength, Unsupported}, lamps::LampError, light_network::LightNetworkError, near_field::NearFieldError,
+    executor::{BufferLength, Unsupported},
+    lamps::LampError,
+    light_network::LightNetworkError,
+    near_field::NearFieldError,
     prefilter::RESOLUTION_MAX,
 };
 

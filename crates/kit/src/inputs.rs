@@ -85,14 +85,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self {
-            near: 0.01,
-            far: 1e10,
-            eps2d: BLUR,
-            antialiased: false,
-            depth: DepthMode::None,
-            view_gradients: false,
-        }
+        Self { near: 0.01, far: 1e10, eps2d: BLUR, antialiased: false, depth: DepthMode::None, view_gradients: false }
     }
 }
 

@@ -66,6 +66,7 @@
 //! gradients of intrinsics.
 
 pub use glam;
+pub use specula_core as core;
 #[cfg(feature = "cpu")]
 pub use specula_cpu as cpu;
 #[cfg(feature = "gpu")]
@@ -78,7 +79,6 @@ pub use specula_mesh as mesh;
 pub use specula_scene as scene;
 #[cfg(feature = "train")]
 pub use specula_train as train;
-pub use specula_core as core;
 
 mod cloud;
 mod error;
@@ -86,9 +86,7 @@ mod inputs;
 mod rasterizer;
 
 pub use error::{Column, InputError, RasterizeError};
-pub use inputs::{
-    Colors, Cotangents, DepthMode, Images, InputGradients, Inputs, Options, PinholeView, ViewGradients,
-};
+pub use inputs::{Colors, Cotangents, DepthMode, Images, InputGradients, Inputs, Options, PinholeView, ViewGradients};
 pub use rasterizer::{Context, RasterExecutor, RasterizeResult, Rasterizer};
 
 /// Names that a program with a picture and its gradient needs.

@@ -3,9 +3,7 @@
 use crate::{
     cloud::{add_rows, check, from_columns, layout_of},
     error::{InputError, RasterizeError},
-    inputs::{
-        Colors, Cotangents, DepthMode, Images, InputGradients, Inputs, Options, PinholeView, ViewGradients,
-    },
+    inputs::{Colors, Cotangents, DepthMode, Images, InputGradients, Inputs, Options, PinholeView, ViewGradients},
 };
 use specula_core::{
     camera::{Camera, CameraGrad},
@@ -184,7 +182,8 @@ impl<E: RasterExecutor> Rasterizer<E> {
             DepthMode::None | DepthMode::Accumulated => (accumulated, Vec::new()),
         };
         let is_compensated = cloud.layout.low_pass.is_compensated();
-        let splat_opacities = if is_compensated { splats.iter().map(|splat| splat.opacity).collect() } else { Vec::new() };
+        let splat_opacities =
+            if is_compensated { splats.iter().map(|splat| splat.opacity).collect() } else { Vec::new() };
         let view = ViewContext { tape, background, within_far, alpha: alpha.clone(), accumulated, splat_opacities };
         Ok((Images { width, height, rgb, alpha, depth, splats }, view))
     }
@@ -219,9 +218,8 @@ impl<E: RasterExecutor> Rasterizer<E> {
             views: Vec::with_capacity(expected),
         };
         for (view, cotangents) in context.views.iter().zip(cotangents) {
-            let view = self
-                .backward_view(context, view, cotangents, &mut gradients)
-                .map_err(RasterizeError::Executor)?;
+            let view =
+                self.backward_view(context, view, cotangents, &mut gradients).map_err(RasterizeError::Executor)?;
             gradients.views.push(view);
         }
         Ok(gradients)
