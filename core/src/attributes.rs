@@ -19,13 +19,13 @@
 
 use crate::{
     activation::sigmoid,
-    camera::CameraOf,
+    camera::{CameraGrad, CameraOf},
     covariance::{Quat, rotation},
     each,
     loss::{LossWeights, metalness, metalness_vjp, residual_vjp, sparse, sparse_vjp},
     normal::{AxisRule, axis, facing},
     physical::{metal_share, reflectances, reflectances_vjp},
-    project::{Shape, project_vjp},
+    project::{Shape, project_camera_vjp, project_vjp},
     real::Real,
     rules::{Channels, RenderRules, channel},
     scene::{
@@ -245,6 +245,19 @@ pub fn shape_vjp<R: Real>(
         out.set(QUAT + k, grad.quat[k] + shading.quat[k]);
     }
     out.set(OPACITY, grad.opacity_logit);
+}
+
+/// Gradient of the camera's pose through one Gaussian: through its splat, and through the direction
+/// to the eye, the only place of the camera that shading reads.
+#[inline(always)]
+pub fn camera_vjp<R: Real>(
+    shape: &Shape<R>,
+    camera: &CameraOf<R>,
+    splat: &SplatGrad<R>,
+    shading: &PoseGrad<R>,
+) -> CameraGrad<R> {
+    let grad = project_camera_vjp(shape, camera, splat);
+    CameraGrad { position: grad.position - shading.mean, ..grad }
 }
 
 /// Shading of a cloud: layout of its planes, and rendering rules.

@@ -6,6 +6,7 @@
 
 use crate::{
     cutoffs::ProjectionModel,
+    each,
     real::Real,
     vector::{Mat3, Vec3, vec3},
 };
@@ -40,6 +41,44 @@ pub fn near_of(extent: f32) -> f32 {
     NEAR * extent.min(1.0)
 }
 
+/// Largest difference between R Rᵀ and the identity in the matrix of a camera: that of a rotation
+/// written with four digits.
+pub const ROTATION_ERROR: f64 = 1e-3;
+
+/// Matrix that is not that of a pinhole camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CameraError {
+    /// A number is not finite.
+    NotFinite,
+    /// The last row of the view matrix is not 0, 0, 0, 1.
+    LastRow,
+    /// The view matrix scales or shears.
+    Rotation,
+    /// The intrinsics have a skew, another last row, or a focal length that is not positive.
+    Intrinsics,
+}
+
+impl core::fmt::Display for CameraError {
+    fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        out.write_str(match self {
+            Self::NotFinite => "a number of the camera's matrices is not finite",
+            Self::LastRow => {
+                "the last row of the view matrix is not 0, 0, 0, 1; give the matrix from world to camera, row by row"
+            }
+            Self::Rotation => {
+                "the first three columns of the view matrix are no rotation; divide a scale out of the matrix, and \
+                 apply it to the scene"
+            }
+            Self::Intrinsics => {
+                "the intrinsics are not fx 0 cx, 0 fy cy, 0 0 1 with positive focal lengths; undistort the picture to \
+                 a pinhole without skew"
+            }
+        })
+    }
+}
+
+impl core::error::Error for CameraError {}
+
 impl Camera {
     /// A camera at `position` that looks at `target`, with `up` upwards in the picture, and
     /// [`NEAR`] for its near plane.
@@ -60,6 +99,56 @@ impl Camera {
             width,
             height,
         }
+    }
+
+    /// Camera of a world-to-camera matrix and of intrinsics, with [`NEAR`] for its near plane.
+    ///
+    /// `view` holds the rows of \[R | t\], which map a world point to camera space: x to the right,
+    /// y down, z along the view (OpenCV). `intrinsics` holds the rows of \[fx 0 cx; 0 fy cy; 0 0
+    /// 1\], in pixels, pixel centres at + ½.
+    ///
+    /// # Errors
+    ///
+    /// [`CameraError`]: a number that is not finite, an R that is no rotation, or intrinsics of
+    /// another form.
+    pub fn from_matrices(
+        view: &[[f32; 4]; 4],
+        intrinsics: &[[f32; 3]; 3],
+        width: u32,
+        height: u32,
+    ) -> Result<Self, CameraError> {
+        let [[fx, skew, cx], [zero, fy, cy], last] = *intrinsics;
+        let numbers = view.as_flattened().iter().chain(intrinsics.as_flattened());
+        if !numbers.fold(0.0_f32, |sum, x| sum + 0.0 * x).is_finite() {
+            return Err(CameraError::NotFinite);
+        }
+        if view[3] != [0.0, 0.0, 0.0, 1.0] {
+            return Err(CameraError::LastRow);
+        }
+        if [skew, zero] != [0.0; 2] || last != [0.0, 0.0, 1.0] || fx <= 0.0 || fy <= 0.0 {
+            return Err(CameraError::Intrinsics);
+        }
+        let wide = |row: [f32; 4]| row.map(f64::from);
+        let rows = [wide(view[0]), wide(view[1]), wide(view[2])];
+        let dot = |a: [f64; 4], b: [f64; 4]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let is_off = |i: usize, j: usize| {
+            let off = dot(rows[i], rows[j]) - f64::from(u8::from(i == j));
+            !(-ROTATION_ERROR..=ROTATION_ERROR).contains(&off)
+        };
+        if (0..3).any(|i| (i..3).any(|j| is_off(i, j))) {
+            return Err(CameraError::Rotation);
+        }
+        let center = |k: usize| -(rows[0][k] * rows[0][3] + rows[1][k] * rows[1][3] + rows[2][k] * rows[2][3]) as f32;
+        let [x, y, z] = [view[0], view[1], view[2]].map(|[x, y, z, _]| GlamVec3::new(x, y, z));
+        Ok(Self {
+            camera_from_world: GlamMat3::from_cols(x, y, z).transpose(),
+            position: GlamVec3::new(center(0), center(1), center(2)),
+            focal_px: [fx, fy],
+            principal_px: [cx, cy],
+            near: NEAR,
+            width,
+            height,
+        })
     }
 
     /// The same view at another size; focal lengths and principal point scale along.
@@ -220,5 +309,50 @@ impl<R: Real> CameraOf<R> {
     #[inline(always)]
     pub fn to_camera(&self, point: Vec3<R>) -> Vec3<R> {
         self.camera_from_world.transform(point - self.position)
+    }
+}
+
+/// Gradient of a camera's pose, as if the nine numbers of its rotation were independent.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraGrad<R> {
+    /// Gradient of the rotation from world to camera axes.
+    pub camera_from_world: Mat3<R>,
+    /// Gradient of the camera's centre, in world space.
+    pub position: Vec3<R>,
+}
+
+impl<R: Real> CameraGrad<R> {
+    /// No gradient.
+    #[inline(always)]
+    pub fn zero(like: R) -> Self {
+        Self { camera_from_world: Mat3 { rows: [Vec3::zero(like); 3] }, position: Vec3::zero(like) }
+    }
+    /// All numbers: the rotation by rows, then the centre.
+    #[inline(always)]
+    pub fn rows(&self) -> [Vec3<R>; 4] {
+        let [x, y, z] = self.camera_from_world.rows;
+        [x, y, z, self.position]
+    }
+    /// The same where the mask holds, zero elsewhere.
+    #[inline(always)]
+    pub fn keep(self, mask: R::Mask) -> Self {
+        let [x, y, z, position] = self.rows();
+        let rows = [each!(x, n => n.keep(mask)), each!(y, n => n.keep(mask)), each!(z, n => n.keep(mask))];
+        Self { camera_from_world: Mat3 { rows }, position: each!(position, n => n.keep(mask)) }
+    }
+    /// Gradient of the view matrix \[R | t\] of the same camera, t = −R c: that of R, by rows, and
+    /// that of t, as if all twelve numbers were independent.
+    ///
+    /// With the gradient g of the centre c = −R⁻¹ t, t has −R g, and R gains (−R g) cᵀ.
+    pub fn view_matrix(&self, camera: &CameraOf<R>) -> (Mat3<R>, Vec3<R>) {
+        let translation = -camera.camera_from_world.transform(self.position);
+        let [x, y, z] = self.camera_from_world.rows;
+        let center = camera.position;
+        let rows = [
+            x.add_scaled(translation.x, center),
+            y.add_scaled(translation.y, center),
+            z.add_scaled(translation.z, center),
+        ];
+        (Mat3 { rows }, translation)
     }
 }

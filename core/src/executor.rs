@@ -1,8 +1,9 @@
 //! Contract between the pipeline and the executors: one method for each stage.
 
 use crate::{
-    camera::Camera,
+    camera::{Camera, CameraGrad},
     densify::DensifyRules,
+    double::Double,
     expose::Exposure,
     lamps::Lamp,
     loss::{LossReport, LossWeights},
@@ -11,6 +12,7 @@ use crate::{
     region::Ball,
     rules::RenderRules,
     scene::{Environment, Gaussians},
+    splat::SplatGrad,
     state::{AdamMoments, Statistics},
 };
 use core::ops::Range;
@@ -41,7 +43,16 @@ impl BufferLength {
     ///
     /// Both lengths if they differ.
     pub const fn check(expected: usize, buffer: &[f32]) -> Result<(), Self> {
-        if buffer.len() == expected { Ok(()) } else { Err(Self { expected, found: buffer.len() }) }
+        Self::check_len(expected, buffer.len())
+    }
+
+    /// Compares two lengths: of values, and of the buffer for them.
+    ///
+    /// # Errors
+    ///
+    /// Returns both lengths where they differ.
+    pub const fn check_len(expected: usize, found: usize) -> Result<(), Self> {
+        if found == expected { Ok(()) } else { Err(Self { expected, found }) }
     }
 }
 
@@ -57,6 +68,21 @@ impl core::fmt::Display for BufferLength {
 }
 
 impl core::error::Error for BufferLength {}
+
+/// Result that an executor does not compute.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unsupported {
+    /// Name of the result.
+    pub what: &'static str,
+}
+
+impl core::fmt::Display for Unsupported {
+    fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(out, "this executor does not compute {}; use the CPU executor", self.what)
+    }
+}
+
+impl core::error::Error for Unsupported {}
 
 /// Counts of one densification.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -418,6 +444,30 @@ pub trait Executor: Renderer {
         grads: &Self::SplatGrads,
     ) -> Result<(Gaussians<Self::Array>, Option<Self::LightGrad>), Self::Error>;
 
+    /// [`Executor::gaussians_vjp`] without losses on attributes, and the gradient of the camera's
+    /// pose: the sum of [`camera_vjp`](crate::attributes::camera_vjp) over the Gaussians, in an
+    /// order that does not depend on the number of threads.
+    ///
+    /// # Errors
+    ///
+    /// [`Unsupported`], where the executor has no gradient of the camera, or none under these rules;
+    /// otherwise the error of the executor.
+    fn gaussians_and_camera_vjp(
+        &mut self,
+        gaussians: &Gaussians<Self::Array>,
+        camera: &Camera,
+        splats: &Self::Splats,
+        light: Option<&Self::Light>,
+        rules: &RenderRules,
+        grads: &Self::SplatGrads,
+    ) -> Result<(Gaussians<Self::Array>, Option<Self::LightGrad>, CameraGrad<Double>), Self::Error>
+    where
+        Self::Error: From<Unsupported>,
+    {
+        let _ = (gaussians, camera, splats, light, rules, grads);
+        Err(Unsupported { what: "gradients of cameras" }.into())
+    }
+
     /// Gradient of [`Renderer::prefilter`] with respect to the environment's numbers.
     ///
     /// # Errors
@@ -557,6 +607,21 @@ pub trait Executor: Renderer {
     ) -> Result<(), Self::Error>;
 }
 
+/// Gaussian on the screen.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OnScreen {
+    /// Centre, in pixels.
+    pub mean2d: [f32; 2],
+    /// Half width and half height of the box around the ellipse in which it is drawn, in pixels;
+    /// zero for a Gaussian that is not drawn. The box may lie outside of the picture.
+    pub half_extent: [f32; 2],
+    /// Depth along the optical axis, in world units; −1 for a Gaussian that is nearer than the
+    /// camera draws, or not finite.
+    pub depth: f32,
+    /// Opacity, after the compensation of its low-pass.
+    pub opacity: f32,
+}
+
 /// Executor with readable stage results and frame gradients from the host: for sums over the pixels
 /// of a view for each Gaussian.
 pub trait ReadBack: Executor {
@@ -587,4 +652,47 @@ pub trait ReadBack: Executor {
         channels: Range<usize>,
         values: &mut [f32],
     ) -> Result<(), Self::Error>;
+
+    /// Reads each Gaussian on the screen.
+    ///
+    /// # Errors
+    ///
+    /// [`BufferLength`], where `screens` has not one element for each Gaussian; [`Unsupported`],
+    /// where the executor does not read them back; otherwise the error of the executor.
+    fn read_splats(&mut self, splats: &Self::Splats, screens: &mut [OnScreen]) -> Result<(), Self::Error>
+    where
+        Self::Error: From<Unsupported>,
+    {
+        let _ = (splats, screens);
+        Err(Unsupported { what: "positions and extents of splats on the host" }.into())
+    }
+
+    /// Reads the gradient of each splat. Depths have none: theirs is that of their channel.
+    ///
+    /// # Errors
+    ///
+    /// [`BufferLength`], where `values` has not one element for each Gaussian; [`Unsupported`],
+    /// where the executor does not read them back; otherwise the error of the executor.
+    fn read_splat_grads(&mut self, grads: &Self::SplatGrads, values: &mut [SplatGrad<f32>]) -> Result<(), Self::Error>
+    where
+        Self::Error: From<Unsupported>,
+    {
+        let _ = (grads, values);
+        Err(Unsupported { what: "gradients of splats on the host" }.into())
+    }
+
+    /// Sets the colour of each Gaussian: red, green and blue as they are blended. Other channels
+    /// stay.
+    ///
+    /// # Errors
+    ///
+    /// [`BufferLength`], where there is not one colour for each Gaussian; [`Unsupported`], where the
+    /// executor takes no colours from the host; otherwise the error of the executor.
+    fn write_colors(&mut self, colors: &mut Self::Colors, rgb: &[[f32; 3]]) -> Result<(), Self::Error>
+    where
+        Self::Error: From<Unsupported>,
+    {
+        let _ = (colors, rgb);
+        Err(Unsupported { what: "colours from the host" }.into())
+    }
 }

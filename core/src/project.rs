@@ -4,7 +4,7 @@
 use crate::{
     activation::{sigmoid, sigmoid_vjp},
     antialias::{COMPENSATION_MIN, LowPass, smoothed, smoothed_vjp},
-    camera::CameraOf,
+    camera::{CameraGrad, CameraOf},
     covariance::{Quat, rotation, rotation_vjp, scales, scales_vjp},
     each,
     real::{Real, divisor_scale},
@@ -77,7 +77,7 @@ impl<R: Real> Shape<R> {
     }
 }
 
-/// Intermediate values of [`project`] and [`project_vjp`].
+/// Intermediate values of [`project`] and of its gradients.
 #[derive(Clone, Copy, Debug)]
 struct EwaProjection<R> {
     mean_in_camera: Vec3<R>,
@@ -170,12 +170,66 @@ pub fn project<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>) -> Splat<R> {
     }
 }
 
-/// Gradient of [`project`]. Beyond the slope limit the Jacobian does not depend on the slope, so
-/// its gradient is zero. A Gaussian that is not finite has none.
+/// Gradient of [`project`] with respect to the Gaussian. Beyond the slope limit the Jacobian is
+/// constant in the slope, and so is its gradient. A Gaussian that is not finite has none.
 #[inline(always)]
 pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &SplatGrad<R>) -> Shape<R> {
     let p = projection(shape, camera);
-    let [grad_first, grad_second] = half_grad(&p, grad.root_conic, grad.opacity);
+    let EwaGrad { mean_in_camera, axes_in_camera: [x, y, z], scales } = projection_vjp(&p, camera, grad);
+    let turned = [
+        camera.camera_from_world.transform_transposed(x),
+        camera.camera_from_world.transform_transposed(y),
+        camera.camera_from_world.transform_transposed(z),
+    ];
+    let (log_scales, opacity_logit) = shape.scales_and_opacity_vjp(scales, p.compensated(grad.opacity));
+    let grad = Shape {
+        mean: camera.camera_from_world.transform_transposed(mean_in_camera),
+        log_scales,
+        quat: rotation_vjp(shape.quat, &Mat3::from_columns(turned)),
+        opacity_logit,
+        low_pass: shape.low_pass,
+        filter: None,
+    };
+    grad.keep(shape.is_finite())
+}
+
+/// Gradient of [`project`] with respect to the pose of the camera, as if the nine numbers of its
+/// rotation R were independent; near plane, intrinsics and limits of the slopes have none.
+///
+/// The mean in the camera is R (m − c), and the Gaussian's axes are R a: with their gradients g and
+/// gₐ, R has g (m − c)ᵀ + Σ gₐ aᵀ, and the centre c has −Rᵀ g.
+#[inline(always)]
+pub fn project_camera_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &SplatGrad<R>) -> CameraGrad<R> {
+    let p = projection(shape, camera);
+    let grad = projection_vjp(&p, camera, grad);
+    let from_center = shape.mean - camera.position;
+    let [x, y, z] = rotation(shape.quat).columns();
+    let row = |mean: R, of_x: R, of_y: R, of_z: R| {
+        (from_center * mean).add_scaled(of_x, x).add_scaled(of_y, y).add_scaled(of_z, z)
+    };
+    let (mean, [of_x, of_y, of_z]) = (grad.mean_in_camera, grad.axes_in_camera);
+    let camera_from_world = Mat3 {
+        rows: [
+            row(mean.x, of_x.x, of_y.x, of_z.x),
+            row(mean.y, of_x.y, of_y.y, of_z.y),
+            row(mean.z, of_x.z, of_y.z, of_z.z),
+        ],
+    };
+    let position = -camera.camera_from_world.transform_transposed(mean);
+    CameraGrad { camera_from_world, position }.keep(shape.is_finite())
+}
+
+/// Gradient of [`project`] with respect to the Gaussian in camera space.
+struct EwaGrad<R> {
+    mean_in_camera: Vec3<R>,
+    /// Gradients of the columns of [`EwaProjection::camera_from_local`].
+    axes_in_camera: [Vec3<R>; 3],
+    scales: Vec3<R>,
+}
+
+#[inline(always)]
+fn projection_vjp<R: Real>(p: &EwaProjection<R>, camera: &CameraOf<R>, grad: &SplatGrad<R>) -> EwaGrad<R> {
+    let [grad_first, grad_second] = half_grad(p, grad.root_conic, grad.opacity);
 
     // V = [f s (c.x − slope c.z) / z] by axis: back to the local axes c, the scales s, the slopes
     // and the depth.
@@ -200,29 +254,15 @@ pub fn project_vjp<R: Real>(shape: &Shape<R>, camera: &CameraOf<R>, grad: &Splat
     let along_x = camera.focal_px[0] * grad.mean2d[0] + grad_slope[0] * p.slope_is_free[0];
     let along_y = camera.focal_px[1] * grad.mean2d[1] + grad_slope[1] * p.slope_is_free[1];
     let [x, y] = p.free_slope;
-    let grad_mean_in_camera = vec3(
-        along_x * p.inverse_depth,
-        along_y * p.inverse_depth,
-        grad.depth - (along_x * x + along_y * y + grad_half_times_half) * p.inverse_depth,
-    );
-
-    let [x, y, z] = grad_columns;
-    let turned = [
-        camera.camera_from_world.transform_transposed(x),
-        camera.camera_from_world.transform_transposed(y),
-        camera.camera_from_world.transform_transposed(z),
-    ];
-    let grad_scales = vec3(grad_scales[0], grad_scales[1], grad_scales[2]);
-    let (log_scales, opacity_logit) = shape.scales_and_opacity_vjp(grad_scales, p.compensated(grad.opacity));
-    let grad = Shape {
-        mean: camera.camera_from_world.transform_transposed(grad_mean_in_camera),
-        log_scales,
-        quat: rotation_vjp(shape.quat, &Mat3::from_columns(turned)),
-        opacity_logit,
-        low_pass: shape.low_pass,
-        filter: None,
-    };
-    grad.keep(shape.is_finite())
+    EwaGrad {
+        mean_in_camera: vec3(
+            along_x * p.inverse_depth,
+            along_y * p.inverse_depth,
+            grad.depth - (along_x * x + along_y * y + grad_half_times_half) * p.inverse_depth,
+        ),
+        axes_in_camera: grad_columns,
+        scales: vec3(grad_scales[0], grad_scales[1], grad_scales[2]),
+    }
 }
 
 #[inline(always)]

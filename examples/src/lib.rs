@@ -4,6 +4,7 @@
 //! * `prefilter`: light in levels of roughness, with the numbers that a loader of an engine wants
 //! * `render`: a PLY of Gaussians to a picture
 //! * `texture`: a picture into a texture of another program's wgpu device
+//! * `fit`: a picture as Gaussians, under a loss that is written on the spot
 //! * `train`: a data set to a model, with a word about how it goes
 //!
 //! `cargo run --release -p specula-examples --example shade` runs one.

@@ -2,6 +2,8 @@
 
 #![expect(dead_code, reason = "the examples' entry points")]
 
+#[path = "../fit.rs"]
+mod fit;
 #[path = "../prefilter.rs"]
 mod prefilter;
 #[path = "../render.rs"]

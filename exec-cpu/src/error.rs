@@ -1,7 +1,10 @@
 //! Errors of the stages.
 
 use specula_core::{
-    executor::BufferLength, lamps::LampError, light_network::LightNetworkError, near_field::NearFieldError,
+    executor::{BufferLength, Unsupported},
+    lamps::LampError,
+    light_network::LightNetworkError,
+    near_field::NearFieldError,
     prefilter::RESOLUTION_MAX,
 };
 
@@ -56,4 +59,7 @@ pub enum CpuError {
     /// A buffer does not have the length of the numbers to read.
     #[error(transparent)]
     BufferLength(BufferLength),
+    /// A result that this executor does not compute.
+    #[error(transparent)]
+    Unsupported(#[from] Unsupported),
 }

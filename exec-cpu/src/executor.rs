@@ -24,10 +24,13 @@ use crate::{
 };
 use specula_core::{
     attributes::GaussianShading,
-    camera::Camera,
+    camera::{Camera, CameraGrad},
     cutoffs::Cutoffs,
     densify::DensifyRules,
-    executor::{BufferLength, DensifyReport, Executor, Occluder, RandomKey, Renderer, StepReport, TrainingStep},
+    double::Double,
+    executor::{
+        BufferLength, DensifyReport, Executor, Occluder, RandomKey, Renderer, StepReport, TrainingStep, Unsupported,
+    },
     expose::Exposure,
     lamps::Lamp,
     light_network::LightNetworkError,
@@ -378,7 +381,26 @@ impl Executor for CpuExecutor {
         grads: &SplatGrads,
     ) -> Result<(Gaussians<Vec<f32>>, Option<LightGrad>), CpuError> {
         let scene = Scene { shading: GaussianShading { layout: gaussians.layout, rules: *rules }, light };
-        Ok(gaussians_vjp(&self.context, gaussians, camera, splats, scene, weights, grads))
+        let (grad, light_grad, _) =
+            gaussians_vjp(&self.context, gaussians, camera, splats, scene, weights, grads, false);
+        Ok((grad, light_grad))
+    }
+
+    fn gaussians_and_camera_vjp(
+        &mut self,
+        gaussians: &Gaussians<Vec<f32>>,
+        camera: &Camera,
+        splats: &Splats,
+        light: Option<&Light>,
+        rules: &RenderRules,
+        grads: &SplatGrads,
+    ) -> Result<(Gaussians<Vec<f32>>, Option<LightGrad>, CameraGrad<Double>), CpuError> {
+        if light.is_some() && rules.is_deferred(gaussians.layout) {
+            return Err(Unsupported { what: "gradients of cameras whose pixels look light up" }.into());
+        }
+        let scene = Scene { shading: GaussianShading { layout: gaussians.layout, rules: *rules }, light };
+        let weights = &LossWeights::NONE;
+        Ok(gaussians_vjp(&self.context, gaussians, camera, splats, scene, weights, grads, true))
     }
 
     fn prefilter_vjp(

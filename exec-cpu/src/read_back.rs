@@ -2,11 +2,19 @@
 
 use crate::{
     CpuError, CpuExecutor,
-    frame::{Frame, FrameGrad},
-    stages::{blend_vjp::SplatGrads, shade::Colors},
+    frame::{Frame, FrameGrad, RGB},
+    stages::{
+        blend_vjp::SplatGrads,
+        project::{SplatRecord, Splats},
+        shade::Colors,
+    },
 };
 use core::ops::Range;
-use specula_core::executor::{BufferLength, ReadBack};
+use specula_core::{
+    executor::{BufferLength, OnScreen, ReadBack},
+    scene::BLOCK,
+    splat::SplatGrad,
+};
 
 impl ReadBack for CpuExecutor {
     fn read_colors(&mut self, colors: &Colors, values: &mut [f32]) -> Result<(), CpuError> {
@@ -32,6 +40,30 @@ impl ReadBack for CpuExecutor {
                 *value = grads.of_channel(gaussian, channel);
             });
         }
+        Ok(())
+    }
+
+    fn read_splats(&mut self, splats: &Splats, screens: &mut [OnScreen]) -> Result<(), CpuError> {
+        BufferLength::check_len(splats.records.len(), screens.len()).map_err(CpuError::BufferLength)?;
+        screens.iter_mut().zip(splats.records.iter()).for_each(|(screen, record)| {
+            let SplatRecord { mean2d, opacity, depth, reach, half_extent, .. } = *record;
+            let half_extent = if reach > 0.0 { half_extent } else { [0.0; 2] };
+            *screen = OnScreen { mean2d, half_extent, depth, opacity };
+        });
+        Ok(())
+    }
+
+    fn read_splat_grads(&mut self, grads: &SplatGrads, values: &mut [SplatGrad<f32>]) -> Result<(), CpuError> {
+        BufferLength::check_len(grads.count(), values.len().next_multiple_of(BLOCK)).map_err(CpuError::BufferLength)?;
+        values.iter_mut().enumerate().for_each(|(gaussian, value)| *value = grads.of_splat(gaussian));
+        Ok(())
+    }
+
+    fn write_colors(&mut self, colors: &mut Colors, rgb: &[[f32; 3]]) -> Result<(), CpuError> {
+        let count = colors.values.len() / colors.channels;
+        BufferLength::check_len(count, rgb.len()).map_err(CpuError::BufferLength)?;
+        let gaussians = colors.values.chunks_exact_mut(colors.channels);
+        gaussians.zip(rgb).for_each(|(channels, rgb)| channels[..RGB].copy_from_slice(rgb));
         Ok(())
     }
 }

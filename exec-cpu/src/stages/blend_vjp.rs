@@ -66,6 +66,21 @@ impl SplatGrads {
     pub fn of_channel(&self, gaussian: usize, channel: usize) -> f32 {
         self.block(gaussian / BLOCK)[(GEOMETRY + channel) * BLOCK + gaussian % BLOCK]
     }
+    /// Gaussians with a gradient, and those that fill the last block up.
+    pub(crate) fn count(&self) -> usize {
+        self.values.len() / (GEOMETRY + self.channels)
+    }
+    /// The gradient of one splat, without that of its channels.
+    pub(crate) fn of_splat(&self, gaussian: usize) -> SplatGrad<f32> {
+        let planes = self.block(gaussian / BLOCK);
+        let number = |plane: usize| planes[plane * BLOCK + gaussian % BLOCK];
+        SplatGrad {
+            mean2d: [number(0), number(1)],
+            root_conic: [number(2), number(3), number(4)],
+            depth: 0.0,
+            opacity: number(5),
+        }
+    }
     /// The planes of a block.
     pub(crate) fn block(&self, block: usize) -> &[f32] {
         let len = BLOCK * (GEOMETRY + self.channels);

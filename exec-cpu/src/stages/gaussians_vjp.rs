@@ -18,8 +18,9 @@ use crate::{
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
-    attributes::{AttributeLosses, AttributePlanes, LayerChannels, LookupGrad, PoseGrad, shape_vjp},
-    camera::{Camera, CameraOf},
+    attributes::{AttributeLosses, AttributePlanes, LayerChannels, LookupGrad, PoseGrad, camera_vjp, shape_vjp},
+    camera::{Camera, CameraGrad, CameraOf},
+    double::Double,
     each,
     loss::LossWeights,
     real::Real,
@@ -27,8 +28,10 @@ use specula_core::{
     scene::{BLOCK, Gaussians, Layout, OPACITY},
     splat::SplatGrad,
     state::AdamMoments,
+    vector::{Mat3, vec3},
 };
 
+/// Gradients of Gaussians, of the light that they look up, and of the camera, if it is wanted.
 pub(crate) fn gaussians_vjp(
     context: &Context,
     gaussians: &Gaussians<Vec<f32>>,
@@ -37,9 +40,11 @@ pub(crate) fn gaussians_vjp(
     scene: Scene<'_>,
     weights: &LossWeights,
     grads: &SplatGrads,
-) -> (Gaussians<Vec<f32>>, Option<LightGrad>) {
+    moves_camera: bool,
+) -> (Gaussians<Vec<f32>>, Option<LightGrad>, CameraGrad<Double>) {
     let mut out = context.take::<f32>(gaussians.values.len());
     let from = Backwards { splats, scene, weights, grads, count: gaussians.count, moves_shape: true };
+    let mut camera_sums = [CameraSum::default(); MANY_PARTS];
     let block_len = gaussians.block_len();
     let parts = from.parts(gaussians.values.len() / block_len);
     let mut texels = from.texels(context);
@@ -48,19 +53,49 @@ pub(crate) fn gaussians_vjp(
         .par_chunks(parts.blocks * block_len)
         .zip(out.par_chunks_mut(parts.blocks * block_len))
         .zip(texels.par_chunks_mut(from.texel_count().max(1)))
+        .zip(&mut camera_sums)
         .enumerate()
-        .for_each(|(part, ((blocks, out), light_grad))| {
+        .for_each(|(part, (((blocks, out), light_grad), camera_sum))| {
             light_grad.fill([0.0; 4]);
             dispatch!(context.level, simd => {
                 let camera = camera.lift(Lanes::splat(simd, 0.0));
                 let blocks = blocks.chunks_exact(block_len).zip(out.chunks_exact_mut(block_len));
                 for (number, (block, out)) in (part * parts.blocks..).zip(blocks) {
-                    from.block(simd, &camera, number, block, out, light_grad);
+                    let camera_sum = if moves_camera { Some(&mut *camera_sum) } else { None };
+                    from.block(simd, &camera, number, block, out, light_grad, camera_sum);
                 }
             });
         });
     let grad = Gaussians { count: gaussians.count, layout: gaussians.layout, values: out.into_vec() };
-    (grad, scene.gaussian_light().map(|_| sum_parts(texels, from.texel_count(), parts.count)))
+    let light_grad = scene.gaussian_light().map(|_| sum_parts(texels, from.texel_count(), parts.count));
+    (grad, light_grad, CameraSum::total(&camera_sums))
+}
+
+/// Sums of the gradient of a camera: the rows of its rotation, then its centre.
+#[derive(Clone, Copy, Default)]
+struct CameraSum([[f64; 3]; 4]);
+
+impl CameraSum {
+    /// Adds the gradients through a block, lane by lane.
+    #[inline(always)]
+    fn add<S: Simd>(&mut self, grad: CameraGrad<Lanes<S>>) {
+        for (sum, row) in self.0.iter_mut().zip(grad.rows()) {
+            for (sum, lanes) in sum.iter_mut().zip(row.to_array()) {
+                for lane in lanes.to_array() {
+                    *sum += f64::from(lane);
+                }
+            }
+        }
+    }
+    /// The sum of all parts, in their order.
+    fn total(parts: &[Self]) -> CameraGrad<Double> {
+        let mut total = [[0.0; 3]; 4];
+        for Self(part) in parts {
+            total.as_flattened_mut().iter_mut().zip(part.as_flattened()).for_each(|(sum, x)| *sum += x);
+        }
+        let [x, y, z, position] = total.map(|[x, y, z]| vec3(Double(x), Double(y), Double(z)));
+        CameraGrad { camera_from_world: Mat3 { rows: [x, y, z] }, position }
+    }
 }
 
 /// [`gaussians_vjp`] and Adam's step, block by block: gradients are never stored.
@@ -96,7 +131,7 @@ pub(crate) fn update(
                 let moments = mean.chunks_exact_mut(block_len).zip(square.chunks_exact_mut(block_len));
                 let mut nonfinite = 0;
                 for (number, (block, (mean, square))) in (part * parts.blocks..).zip(blocks.chunks_exact_mut(block_len).zip(moments)) {
-                    from.block(simd, &camera, number, block, grad, light_grad);
+                    from.block(simd, &camera, number, block, grad, light_grad, None);
                     nonfinite += adam_chunk(simd, block, mean, square, grad, size);
                 }
                 nonfinite
@@ -109,7 +144,11 @@ pub(crate) fn update(
 /// Maximum number of planes.
 const PLANES_MAX: usize = Layout::shaded(Some(3)).physical().antialiased().plane_count();
 
-/// Distribution of blocks over tasks.
+/// Parts of Gaussians that add to no light.
+const MANY_PARTS: usize = 64;
+const _: () = assert!(LIGHT_PARTS <= MANY_PARTS, "each part has a sum of the camera's gradient");
+
+/// Division of blocks among tasks.
 struct BlockParts {
     /// Blocks of a part.
     blocks: usize,
@@ -132,8 +171,7 @@ struct Backwards<'a> {
 impl Backwards<'_> {
     /// Number of parts: [`LIGHT_PARTS`] if they add to the light's gradient, else more.
     fn part_count(&self) -> usize {
-        const MANY: usize = 64;
-        if self.scene.gaussian_light().is_some() { LIGHT_PARTS } else { MANY }
+        if self.scene.gaussian_light().is_some() { LIGHT_PARTS } else { MANY_PARTS }
     }
     fn parts(&self, block_count: usize) -> BlockParts {
         let blocks = block_count.div_ceil(self.part_count()).max(1);
@@ -146,7 +184,7 @@ impl Backwards<'_> {
     fn texels(&self, context: &Context) -> Buffer<Texel> {
         context.take::<Texel>(self.part_count() * self.texel_count().max(1))
     }
-    /// The gradient of one block; adds to the light's.
+    /// The gradient of one block; adds to the light's, and to the camera's, if there is a sum of it.
     #[inline(always)]
     fn block<S: Simd>(
         &self,
@@ -156,11 +194,12 @@ impl Backwards<'_> {
         block: &[f32],
         out: &mut [f32],
         light_grad: &mut [Texel],
+        camera_sum: Option<&mut CameraSum>,
     ) {
         out.fill(0.0);
         if self.splats.block_is_drawn(number) {
             let grads = SplatGradLanes::new(simd, self.grads, number);
-            block_vjp(simd, block, camera, self, &grads, out, light_grad);
+            block_vjp(simd, block, camera, self, &grads, out, light_grad, camera_sum);
         }
         add_attribute_losses(simd, block, self.scene.shading.layout, self.weights, self.count, out);
     }
@@ -209,6 +248,7 @@ fn block_vjp<S: Simd>(
     grads: &SplatGradLanes<S>,
     out: &mut [f32],
     light_grad: &mut [Texel],
+    camera_sum: Option<&mut CameraSum>,
 ) {
     let scene = from.scene;
     let is_touched = grads.is_touched;
@@ -232,7 +272,11 @@ fn block_vjp<S: Simd>(
         depth: grads.channels.0[channel::DEPTH],
         opacity: g[5],
     };
-    shape_vjp(&planes.shape(scene.shading.layout), camera, &splat_grad, &pose, &mut out);
+    let shape = planes.shape(scene.shading.layout);
+    shape_vjp(&shape, camera, &splat_grad, &pose, &mut out);
+    if let Some(sum) = camera_sum {
+        sum.add(camera_vjp(&shape, camera, &splat_grad, &pose).keep(is_touched));
+    }
 }
 
 /// Writes the gradients of the shading attributes and adds those of the light.

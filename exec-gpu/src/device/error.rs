@@ -1,7 +1,10 @@
 //! Errors of the executor.
 
 use specula_core::{
-    executor::BufferLength, lamps::LampError, light_network::LightNetworkError, near_field::NearFieldError,
+    executor::{BufferLength, Unsupported},
+    lamps::LampError,
+    light_network::LightNetworkError,
+    near_field::NearFieldError,
     prefilter::RESOLUTION_MAX,
 };
 
@@ -77,6 +80,9 @@ pub enum GpuError {
     /// A buffer does not have the length of the numbers to read.
     #[error(transparent)]
     BufferLength(BufferLength),
+    /// A result that this executor does not compute.
+    #[error(transparent)]
+    Unsupported(#[from] Unsupported),
     /// A light's resolution cannot be filtered.
     #[error(
         "a light of resolution {resolution} cannot be filtered; use a power of two from {least} to {RESOLUTION_MAX}"

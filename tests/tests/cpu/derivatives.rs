@@ -13,7 +13,7 @@ use specula_core::{
         LookupGrad, ShadedGaussian,
     },
     blend,
-    camera::{Camera, CameraOf, NEAR},
+    camera::{Camera, CameraGrad, CameraOf, NEAR},
     color, covariance, cubemap, depth_normal,
     double::Double,
     dual::Dual,
@@ -499,6 +499,74 @@ proptest! {
         );
     }
 
+    /// Rotations count as nine independent numbers, and what does not belong to the pose is fixed.
+    #[test]
+    fn projections_are_derived_right_along_the_pose_of_the_camera(
+        camera in camera(),
+        mean in [-2.5..2.5_f64, -2.5..2.5, -2.5..2.5],
+        scales in [-4.0..0.5_f64, -4.0..0.5, -4.0..0.5],
+        quat in quat(),
+        opacity_logit in -3.0..3.0_f64,
+        low_pass in prop_oneof![Just(LowPass::Dilated), Just(LowPass::Compensated)],
+    ) {
+        prop_assume!(depth_of(&camera, mean) > 2.0 * f64::from(NEAR));
+        let gaussian = [&mean[..], &scales, &quat, &[opacity_logit]].concat();
+        assert_vjp(
+            &pose_of(&camera),
+            |x| {
+                let splat = project::project(&shape(&numbers(&gaussian), low_pass, None), &posed(&camera, x));
+                join(&[&splat.mean2d, &splat.root_conic, &[splat.depth, splat.opacity]])
+            },
+            |x, g| {
+                let grad = SplatGrad {
+                    mean2d: [g[0], g[1]],
+                    root_conic: [g[2], g[3], g[4]],
+                    depth: g[5],
+                    opacity: g[6],
+                };
+                let shape = shape(&numbers(&gaussian), low_pass, None);
+                numbers_of_pose(&project::project_camera_vjp(&shape, &posed(&camera, x), &grad))
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    /// The centre of the camera follows from the matrix, whose twelve numbers are independent.
+    #[test]
+    fn view_matrices_are_derived_right(rotation in rotation(), translation in any_vector(), point in any_vector()) {
+        let rows = [0, 1, 2].map(|row| rotation.row(row).to_array().map(f64::from));
+        let inputs = [rows.as_flattened(), &translation].concat();
+        let camera = Camera::look_at(glam::Vec3::Y, glam::Vec3::ZERO, glam::Vec3::Z, 0.5, 8, 8);
+        // Rounding of the matrix to f32: its inverse is taken to be its transpose.
+        const NEARLY_A_ROTATION: f64 = 1e-5;
+        assert_vjp(
+            &inputs,
+            |x| {
+                let (matrix, translation) = (take9(x), take3(&x[9..]));
+                let [a, b, c] = matrix.rows;
+                let volume = a.dot(b.cross(c));
+                let inverse = Mat3::from_columns([b.cross(c), c.cross(a), a.cross(b)].map(|column| column * volume.recip()));
+                let position = -inverse.transform(translation);
+                let camera = CameraOf { camera_from_world: matrix, position, ..camera.lift(x[0]) };
+                join(&[&camera.to_camera(vector(point)).to_array(), &position.to_array()])
+            },
+            |x, g| {
+                let (matrix, translation) = (take9(x), take3(&x[9..]));
+                let position = -matrix.transform_transposed(translation);
+                let camera = CameraOf { camera_from_world: matrix, position, ..camera.lift(x[0]) };
+                let [gx, gy, gz] = [g[0], g[1], g[2]];
+                let from_center = vector(point) - position;
+                let grad = CameraGrad {
+                    camera_from_world: Mat3 { rows: [from_center * gx, from_center * gy, from_center * gz] },
+                    position: take3(&g[3..]) - matrix.transform_transposed(take3(g)),
+                };
+                let (matrix, translation) = grad.view_matrix(&camera);
+                join(&[&numbers_of(&matrix), &translation.to_array()])
+            },
+            NEARLY_A_ROTATION,
+        );
+    }
+
     /// A filter in space widens scales and makes opacity less.
     #[test]
     fn filters_in_space_are_derived_right(
@@ -575,7 +643,16 @@ proptest! {
             assert_vjp(
                 inputs,
                 |x| splat_and_channels(&shading, &camera.lift(x[0]), x),
-                |x, g| splat_and_channels_vjp(&shading, &camera.lift(x[0]), x, g),
+                |x, g| splat_and_channels_vjp(&shading, &camera.lift(x[0]), x, g).0,
+                SAME_DERIVATIVE,
+            );
+            assert_vjp(
+                &pose_of(&camera),
+                |x| splat_and_channels(&shading, &posed(&camera, x), &numbers(inputs)),
+                |x, g| {
+                    let (_, grad) = splat_and_channels_vjp(&shading, &posed(&camera, x), &numbers(inputs), g);
+                    numbers_of_pose(&grad)
+                },
                 SAME_DERIVATIVE,
             );
         }
@@ -901,7 +978,13 @@ fn splat_and_channels<R: Number>(shading: &GaussianShading, camera: &CameraOf<R>
     join(&[&splat.mean2d, &splat.root_conic, &[splat.opacity], &channels])
 }
 
-fn splat_and_channels_vjp<R: Number>(shading: &GaussianShading, camera: &CameraOf<R>, x: &[R], g: &[R]) -> Vec<R> {
+/// Gradients of the planes, and of the camera's pose.
+fn splat_and_channels_vjp<R: Number>(
+    shading: &GaussianShading,
+    camera: &CameraOf<R>,
+    x: &[R],
+    g: &[R],
+) -> (Vec<R>, CameraGrad<R>) {
     let planes = PlaneRow(&with_ambient(shading.layout, x));
     let mut channels = LayerChannels([R::of(0.0); Channels::Layers.count()]);
     for (k, grad) in channels_with_grad(shading).into_iter().zip(&g[6..]) {
@@ -918,8 +1001,29 @@ fn splat_and_channels_vjp<R: Number>(shading: &GaussianShading, camera: &CameraO
     };
     let depth = channels.0[channel::DEPTH];
     let splat = SplatGrad { mean2d: [g[0], g[1]], root_conic: [g[2], g[3], g[4]], depth, opacity: g[5] };
-    attributes::shape_vjp(&planes.shape(shading.layout), camera, &splat, &pose, &mut out);
-    out.0
+    let shape = planes.shape(shading.layout);
+    attributes::shape_vjp(&shape, camera, &splat, &pose, &mut out);
+    (out.0, attributes::camera_vjp(&shape, camera, &splat, &pose))
+}
+
+/// Rotation of a camera by rows, then its centre.
+fn pose_of(camera: &Camera) -> Vec<f64> {
+    let lifted = camera.lift(Double(0.0));
+    let numbers = join(&[&numbers_of(&lifted.camera_from_world), &lifted.position.to_array()]);
+    numbers.into_iter().map(Double::value).collect()
+}
+
+/// The same camera in another pose.
+fn posed<R: Number>(camera: &Camera, x: &[R]) -> CameraOf<R> {
+    CameraOf { camera_from_world: take9(x), position: take3(&x[9..]), ..camera.lift(x[0]) }
+}
+
+fn numbers_of_pose<R: Number>(grad: &CameraGrad<R>) -> Vec<R> {
+    join(&[&numbers_of(&grad.camera_from_world), &grad.position.to_array()])
+}
+
+fn numbers<R: Number>(values: &[f64]) -> Vec<R> {
+    values.iter().map(|x| R::of(*x)).collect()
 }
 
 #[test]

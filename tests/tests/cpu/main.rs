@@ -24,3 +24,4 @@ mod poison;
 mod prefilter;
 mod smoothness;
 mod stress;
+mod tape;

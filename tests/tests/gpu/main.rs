@@ -12,4 +12,5 @@ mod order;
 mod pieces;
 mod stages;
 mod stress;
+mod tape;
 mod train;

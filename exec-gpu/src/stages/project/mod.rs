@@ -32,8 +32,8 @@ pub mod formulas;
 /// Depth key of a Gaussian that is not drawn: after every depth.
 const NOT_DRAWN: u32 = u32::MAX;
 
-/// Numbers of a splat in memory.
-const SPLAT_LEN: usize = 12;
+/// Numbers of a splat in memory, in the order of `splat.wgsl`.
+pub(crate) const SPLAT_LEN: usize = 12;
 
 /// Projected Gaussians.
 #[derive(Debug)]
