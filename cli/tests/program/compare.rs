@@ -261,7 +261,7 @@ fn runs_that_were_measured_otherwise_are_not_held_against_one_another() {
     }
     let fewer = runs.add(&Said { name: "fewer", profile: "3dgs", measures: measures(), ..SAID });
     fs::write(fewer.join("per_view.json"), json!({"ours_7000": {"PSNR": {"00000.png": 30.0}}}).to_string()).unwrap();
-    assert!(compared(&[one, fewer], &[]).0.contains("on 2 views, and "));
+    assert!(compared(&[one, fewer], &[]).0.contains("on 2 views, but "));
 }
 
 #[test]
@@ -279,7 +279,7 @@ fn unequal_trainings_say_so_and_none_is_bold() {
 ";
     assert!(table.starts_with(expected), "{table}");
     let words = format!(
-        "not comparable: {} was trained for 2000 iterations, and {} for 1000 iterations",
+        "not comparable: {} was trained for 2000 iterations, but {} for 1000 iterations",
         one.display(),
         short.display()
     );

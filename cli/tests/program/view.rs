@@ -662,7 +662,7 @@ fn what_is_odd_about_a_light_is_said_of_the_name_that_was_dropped() {
 
 fn a_light_with_odd_numbers_is_told_of(page: &Page<'_>, odd: &[u8]) {
     page.eval(&dropped(odd, "odd.exr"));
-    page.wait("document.getElementById('message').textContent.includes('4 numbers in \"odd.exr\" are no radiance')");
+    page.wait("document.getElementById('message').textContent.includes('replaced 4 invalid numbers in \"odd.exr\"')");
     page.eval("(() => { const list = document.getElementById('lights'); list.value = 0; list.dispatchEvent(new Event('change')); })()");
 }
 
