@@ -580,7 +580,7 @@ fn what_cannot_be_exported_is_refused_in_one_sentence() {
     let none = tiny.path("none.ply");
     let layout = Layout::radiance(0);
     gaussian_ply::write(&none, &Gaussians { count: 0, layout, values: Vec::new() }, &[]).unwrap();
-    refuses(tiny, &none, "ball.ply", &["--quiet"], &["none.ply", "no visible Gaussian"]);
+    refuses(tiny, &none, "ball.ply", &["--quiet"], &["none.ply", "no Gaussian"]);
     refuses(tiny, &none, "ball.obj", &["--quiet"], &["none.ply", "no visible Gaussian"]);
 }
 
