@@ -450,8 +450,8 @@ pub trait Executor: Renderer {
     ///
     /// # Errors
     ///
-    /// [`Unsupported`], where the executor has no gradient of the camera, or none under these rules;
-    /// otherwise the error of the executor.
+    /// [`Unsupported`], where the executor has no gradient of the camera, or none under these
+    /// rules; otherwise the error of the executor.
     fn gaussians_and_camera_vjp(
         &mut self,
         gaussians: &Gaussians<Self::Array>,
@@ -686,8 +686,8 @@ pub trait ReadBack: Executor {
     ///
     /// # Errors
     ///
-    /// [`BufferLength`], where there is not one colour for each Gaussian; [`Unsupported`], where the
-    /// executor takes no colours from the host; otherwise the error of the executor.
+    /// [`BufferLength`], where there is not one colour for each Gaussian; [`Unsupported`], where
+    /// the executor takes no colours from the host; otherwise the error of the executor.
     fn write_colors(&mut self, colors: &mut Self::Colors, rgb: &[[f32; 3]]) -> Result<(), Self::Error>
     where
         Self::Error: From<Unsupported>,

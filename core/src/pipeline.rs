@@ -222,7 +222,8 @@ struct StepVjp<E: Executor> {
     splat_vjp: SplatVjp<E>,
 }
 
-/// Picture of a step, its losses, and the gradients of its splats. The picture is dropped on return.
+/// Picture of a step, its losses, and the gradients of its splats. The picture is dropped on
+/// return.
 fn step_vjp<E: Executor>(
     exec: &mut E,
     gaussians: &Gaussians<E::Array>,

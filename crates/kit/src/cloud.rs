@@ -63,7 +63,7 @@ fn check_column<T>(column: Column, rows: &[T], is_valid: impl Fn(&T) -> bool) ->
 
 /// Columns to Gaussians before activation. Colours that the caller gives are left out.
 ///
-/// Opacities are kept in [1e-7, 1 − 1e-7], the range of [`logit`].
+/// Opacities are kept in \[1e-7, 1 − 1e-7\], the range of [`logit`].
 pub(crate) fn from_columns(inputs: &Inputs<'_>, layout: Layout) -> Gaussians<Vec<f32>> {
     let count = inputs.means.len();
     let mut gaussians = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
@@ -96,17 +96,22 @@ pub(crate) fn from_columns(inputs: &Inputs<'_>, layout: Layout) -> Gaussians<Vec
     gaussians
 }
 
-/// Adds the rows of neighbouring planes, `N` numbers for each Gaussian, times a factor.
-pub(crate) fn add_rows<const N: usize>(
-    rows: &mut [[f32; N]],
+/// Adds neighbouring planes to rows of `width` numbers for each Gaussian; the factor of a number
+/// depends on its index among all rows.
+pub(crate) fn add_rows(
+    rows: &mut [f32],
+    width: usize,
     gaussians: &Gaussians<Vec<f32>>,
     first_plane: usize,
-    factor: impl Fn(usize, usize) -> f32,
+    factor: impl Fn(usize) -> f32,
 ) {
-    for (gaussian, row) in rows.iter_mut().enumerate() {
-        let numbers: [f32; N] = gaussians.get(gaussian, first_plane);
-        for k in 0..N {
-            row[k] += numbers[k] * factor(gaussian, k);
+    let blocks = gaussians.values.chunks_exact(gaussians.block_len());
+    for (number, (rows, block)) in rows.chunks_mut(BLOCK * width).zip(blocks).enumerate() {
+        let first = number * BLOCK * width;
+        for (lane, row) in rows.chunks_exact_mut(width).enumerate() {
+            for (k, sum) in row.iter_mut().enumerate() {
+                *sum += block[(first_plane + k) * BLOCK + lane] * factor(first + lane * width + k);
+            }
         }
     }
 }

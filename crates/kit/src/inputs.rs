@@ -15,7 +15,7 @@ pub struct Inputs<'a> {
     pub quats: &'a [[f32; 4]],
     /// Standard deviations along the axes, in world units; above zero.
     pub scales: &'a [[f32; 3]],
-    /// Opacities, in \[0, 1\]; values outside of [1e-7, 1 − 1e-7] count as its ends.
+    /// Opacities, in \[0, 1\]; values outside of \[1e-7, 1 − 1e-7\] count as its ends.
     pub opacities: &'a [f32],
     /// Colours.
     pub colors: Colors<'a>,

@@ -1,17 +1,16 @@
 //! Specula as one dependency.
 //!
-//! [`Rasterizer`] renders Gaussians from plain columns and pulls gradients of any loss back to them.
-//! The libraries that it is made of are re-exported:
+//! [`Rasterizer`] renders Gaussians from plain columns and pulls gradients of any loss back to
+//! them. The libraries that it is made of are re-exported:
 //!
-//! | feature | module | content |
-//! |---|---|---|
-//! | | [`core`](specula_core) | formulas, pipeline, its gradient ([`specula_core::pipeline::render_vjp`]) |
-//! | `cpu` (default) | `cpu` | executor on threads and SIMD lanes |
-//! | `gpu` | `gpu` | executor on wgpu |
-//! | `io` | `io` | data sets, PLY, pictures, model folders |
-//! | `train` | `train` | profiles, densification, evaluation |
-//! | `scene` | `scene` | models: training with checkpoints, relighting, export |
-//! | `mesh` | `mesh` | surfaces from depths |
+//! * [`core`](specula_core): formulas, pipeline, and its gradient
+//!   ([`render_vjp`](specula_core::pipeline::render_vjp))
+//! * `cpu`, by the feature `cpu` (default): executor on threads and SIMD lanes
+//! * `gpu`, by `gpu`: executor on wgpu
+//! * `io`, by `io`: data sets, PLY, pictures, model folders
+//! * `train`, by `train`: profiles, densification, evaluation
+//! * `scene`, by `scene`: models, trained with checkpoints, relit and exported
+//! * `mesh`, by `mesh`: surfaces from depths
 //!
 //! A red Gaussian, two units in front of a camera:
 //!
@@ -26,7 +25,8 @@
 //!     opacities: &[0.9],
 //!     colors: Colors::Rgb(&[[1.0, 0.0, 0.0]]),
 //! };
-//! let view_matrix = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+//! let axis = |k: usize| core::array::from_fn(|column| if column == k { 1.0 } else { 0.0 });
+//! let view_matrix = [axis(0), axis(1), axis(2), axis(3)];
 //! let intrinsics = [[32.0, 0.0, 16.0], [0.0, 32.0, 16.0], [0.0, 0.0, 1.0]];
 //! let view = PinholeView { view_matrix, intrinsics, width: 32, height: 32, background: [0.0; 3] };
 //! let mut rasterizer = Rasterizer::new(Options::default());
@@ -35,7 +35,8 @@
 //!
 //! // Gradient of the sum of all numbers of the picture.
 //! let rgb = vec![1.0; 3 * 32 * 32];
-//! let gradients = rasterizer.backward(&context, &[Cotangents { rgb: &rgb, ..Cotangents::default() }])?;
+//! let cotangents = Cotangents { rgb: &rgb, ..Cotangents::default() };
+//! let gradients = rasterizer.backward(&context, &[cotangents])?;
 //! assert!(gradients.opacities[0] > 0.0, "more opacity, more light");
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -43,27 +44,30 @@
 //! # Conventions
 //!
 //! The rasteriser follows gsplat's `rasterization`: world-to-camera matrices and axes of OpenCV,
-//! pixel centres at + ½, quats (w, x, y, z) of any length, harmonics of the direction from the camera
-//! with + ½ and a floor of zero, 0.3 px² added to the covariance of a splat, alpha below 1/255
-//! skipped. It differs in these points:
+//! pixel centres at + ½, quats (w, x, y, z) of any length, harmonics of the direction from the
+//! camera with + ½ and a floor of zero, 0.3 px² added to the covariance of a splat, alpha below
+//! 1/255 skipped. It differs in these points:
 //!
-//! | point | here | gsplat | difference |
-//! |---|---|---|---|
-//! | largest alpha of a splat | 0.99 | 0.999 | at most 0.009 of a pixel, behind splats with a strength above 0.99 |
-//! | end of a pixel | transmittance below 1e-4 | at 1e-4 or below | none but at equality |
-//! | limit of the slopes x/z and y/z in the Jacobian | 1.3 × the larger of both sides of the principal point | 0.15 of the picture beyond each edge | none for a centred principal point; else only splats whose mean is beyond an edge by more than 0.15 of the picture |
-//! | opacity | kept in [1e-7, 1 − 1e-7] | any | at most 1e-7 |
-//! | compensation of antialiasing | at least 1/1000 | at least 0 | alpha below 1/255 either way |
-//! | colour of harmonics | at most 10⁶ | no limit | none below |
-//! | reach of splats | as far as alpha is at least 1/255 | 3.33 standard deviations or fewer | none above 1/255 |
-//! | order of equal depths | order of the Gaussians | order of the sort | ties only |
-//! | mean at the near plane | not drawn | drawn | equality only |
-//! | arithmetic | logarithms of scales, logits of opacities in `f32` | as given | about 1e-6, relative |
+//! * The largest alpha of a splat is 0.99, not 0.999: a pixel differs by 0.009 at most, for each
+//!   splat whose strength in it is above 0.99.
+//! * A pixel ends where its transmittance would fall below 1e-4, not at 1e-4.
+//! * The slopes x/z and y/z of the Jacobian end at 1.3 times those of the picture's farther edge,
+//!   not at 0.15 of the picture beyond each edge. Both are the same for a principal point in the
+//!   centre; otherwise only splats differ whose mean lies beyond an edge by more than 0.15 of the
+//!   picture.
+//! * Opacities are kept in \[1e-7, 1 − 1e-7\].
+//! * The compensation of antialiasing is at least 1/1000, not 0; such splats are fainter than 1/255
+//!   either way.
+//! * Colours of harmonics end at 10⁶.
+//! * Splats reach as far as their alpha is 1/255 or more, not to 3.33 standard deviations at most.
+//! * Gaussians of equal depth keep their order.
+//! * A mean in the near plane is not drawn.
+//! * Scales and opacities are computed from logarithms and logits in `f32`: about 1e-6, relative.
 //!
-//! Not available, and an error by name where it can be asked for: other low-passes than 0.3 px² (and
-//! 0.1 px² with antialiasing), skewed or distorted cameras, matrices that scale, colours of other
-//! than three channels. There are no absolute sums of the gradients of centres (`absgrad`), and no
-//! gradients of intrinsics.
+//! What is not available is an error by name: low-passes other than 0.3 px² (and 0.1 px² with
+//! antialiasing), skewed or distorted cameras, matrices that scale, gradients of view matrices on
+//! an executor without them. Colours have three channels. There are no absolute sums of the
+//! gradients of centres (`absgrad`), and no gradients of intrinsics.
 
 pub use glam;
 pub use specula_core as core;

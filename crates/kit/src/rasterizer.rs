@@ -35,7 +35,7 @@ impl<E: ReadBack<Error: From<Unsupported> + core::error::Error + 'static>> Raste
 
 /// Differentiable rasteriser of Gaussians on an executor.
 ///
-/// Its conventions are those of [`crate#conventions`]. Equal inputs give equal bits, on a CPU for
+/// The crate lists its [conventions](crate#conventions). Equal inputs give equal bits, on a CPU for
 /// any number of threads.
 #[derive(Debug)]
 pub struct Rasterizer<E> {
@@ -248,17 +248,13 @@ impl<E: RasterExecutor> Rasterizer<E> {
         let mut values = vec![0.0; specula_core::scene::len_of_values(count, context.layout)];
         exec.download(&gaussians.values, &mut values)?;
         let grad = gaussians.with_values(values);
-        add_rows(&mut sums.means, &grad, MEAN, |_, _| 1.0);
-        add_rows(&mut sums.quats, &grad, QUAT, |_, _| 1.0);
-        add_rows(&mut sums.scales, &grad, LOG_SCALE, |gaussian, k| context.scales[gaussian][k].recip());
+        let scales = context.scales.as_flattened();
+        add_rows(sums.means.as_flattened_mut(), 3, &grad, MEAN, |_| 1.0);
+        add_rows(sums.quats.as_flattened_mut(), 4, &grad, QUAT, |_| 1.0);
+        add_rows(sums.scales.as_flattened_mut(), 3, &grad, LOG_SCALE, |index| scales[index].recip());
         if context.has_harmonics {
-            let sh_count = context.layout.sh_count();
-            for (gaussian, rows) in sums.colors.chunks_exact_mut(sh_count).enumerate() {
-                for (k, row) in rows.iter_mut().enumerate() {
-                    let numbers: [f32; RGB] = grad.get(gaussian, context.layout.sh_start() + RGB * k);
-                    row.iter_mut().zip(numbers).for_each(|(sum, number)| *sum += number);
-                }
-            }
+            let width = RGB * context.layout.sh_count();
+            add_rows(sums.colors.as_flattened_mut(), width, &grad, context.layout.sh_start(), |_| 1.0);
         } else {
             let mut rgb = vec![0.0; RGB * count];
             exec.read_channel_grads(&splats, 0..RGB, &mut rgb)?;
@@ -357,8 +353,8 @@ fn camera_of(index: usize, view: &PinholeView, options: &Options) -> Result<Came
     }
 }
 
-/// The cloud without Gaussians beyond the far plane; `None` if there are none. Their opacity is not
-/// a number, so that they are not drawn and have no gradient.
+/// The cloud without Gaussians beyond the far plane; `None` if there are none. The logits of their
+/// opacities are not finite, so that they are not drawn and have no gradient.
 fn without_far(cloud: &Gaussians<Vec<f32>>, camera: &Camera, far: f32) -> Option<Gaussians<Vec<f32>>> {
     let lifted = camera.lift(0.0_f32);
     let is_far = |gaussian: &usize| {
@@ -368,7 +364,7 @@ fn without_far(cloud: &Gaussians<Vec<f32>>, camera: &Camera, far: f32) -> Option
     let mut beyond = (0..cloud.count).filter(is_far).peekable();
     beyond.peek()?;
     let mut within = cloud.clone();
-    beyond.for_each(|gaussian| within.set(gaussian, OPACITY, [f32::NAN]));
+    beyond.for_each(|gaussian| within.set(gaussian, OPACITY, [f32::NEG_INFINITY]));
     Some(within)
 }
 

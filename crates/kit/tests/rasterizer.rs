@@ -387,8 +387,10 @@ fn bands_above_the_degree_are_not_read() {
 fn gaussians_nearer_or_farther_than_the_planes_are_not_drawn() {
     let mut case = Case::new(12, None, options(DepthMode::Accumulated), 10);
     let (all, _) = case.run(&[cotangents_of(0), cotangents_of(1)]);
-    case.options = Options { near: 2.6, far: 3.3, ..case.options };
-    assert_same(&case);
+    for antialiased in [true, false] {
+        case.options = Options { near: 2.6, far: 3.3, antialiased, ..case.options };
+        assert_same(&case);
+    }
     let (some, _) = case.run(&[cotangents_of(0), cotangents_of(1)]);
     let visible = some[0].visible();
     assert!(!visible.is_empty() && visible.len() < all[0].visible().len(), "{visible:?} of {:?}", all[0].visible());

@@ -184,7 +184,8 @@ impl Backwards<'_> {
     fn texels(&self, context: &Context) -> Buffer<Texel> {
         context.take::<Texel>(self.part_count() * self.texel_count().max(1))
     }
-    /// The gradient of one block; adds to the light's, and to the camera's, if there is a sum of it.
+    /// The gradient of one block; adds to the light's, and to the camera's if there is a sum of
+    /// it.
     #[inline(always)]
     fn block<S: Simd>(
         &self,

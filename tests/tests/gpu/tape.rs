@@ -27,8 +27,8 @@ const SAME_SPLAT: f64 = 1e-5;
 const COUNT: usize = 60;
 const SIZE: usize = 40;
 
-/// Results of an executor: splats, their gradients, those of three channels, of Gaussians and of the
-/// light.
+/// Results of an executor: splats, their gradients, those of three channels, of Gaussians and of
+/// the light.
 struct Results {
     splats: Vec<f64>,
     splat_grads: Vec<f64>,
