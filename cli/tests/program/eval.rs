@@ -319,5 +319,7 @@ fn lpips_is_kept_with_the_network_that_measured_it() {
     assert!(String::from_utf8(small.stderr).unwrap().contains("4 × 4 pixels"));
     let other = tiny.data().join("transforms_test.json");
     let refused = specula().arg("eval").arg(&model).arg("--lpips").arg(&other).assert().code(2).get_output().clone();
-    assert!(String::from_utf8(refused.stderr).unwrap().contains("transforms_test.json\" is not a usable LPIPS network"));
+    assert!(
+        String::from_utf8(refused.stderr).unwrap().contains("transforms_test.json\" is not a usable LPIPS network")
+    );
 }

@@ -469,7 +469,12 @@ fn invalid_inputs_are_refused_by_name() {
     assert_eq!(error_of(|case| case.opacities[0] = 1.5), value(Column::Opacities, 0));
     assert_eq!(error_of(|case| case.colors[1][0] = f32::INFINITY), value(Column::Colors, 1));
     let short = InputError::Length { column: Column::Scales, expected: 3, found: 2 };
-    assert_eq!(error_of(|case| drop(case.scales.pop())), short);
+    assert_eq!(
+        error_of(|case| {
+            case.scales.pop();
+        }),
+        short
+    );
     let harmonics = InputError::Harmonics { degree: 1, coefficients: 3, count: 3 };
     assert_eq!(error_of(|case| case.degree = Some(1)), harmonics);
     let low_pass = InputError::LowPass { eps2d: 0.5, antialiased: false };

@@ -19,6 +19,7 @@ mod order;
 mod perspective;
 mod physical;
 mod pipeline_gradients;
+mod pixel_light;
 mod plan;
 mod poison;
 mod prefilter;
