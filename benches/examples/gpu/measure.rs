@@ -138,8 +138,11 @@ impl fmt::Display for Picture {
 
 impl<'a> Stand<'a> {
     fn new(viewer: &mut GpuExecutor<Storage>, like: &'a Scene<CpuExecutor>) -> Result<Self, GpuError> {
-        let sky = like.state.light.as_ref().map(|(sky, _)| Ok(sky.with_values(viewer.upload(&sky.values)?)));
-        Ok(Self { cloud: viewer.upload_gaussians(&like.state.gaussians)?, sky: sky.transpose()?, like })
+        let sky = match &like.state.light {
+            Some((sky, _)) => Some(sky.with_values(viewer.upload(&sky.values)?)),
+            None => None,
+        };
+        Ok(Self { cloud: viewer.upload_gaussians(&like.state.gaussians)?, sky, like })
     }
 
     fn filtered(&self, viewer: &mut GpuExecutor<Storage>) -> Result<Option<Light>, GpuError> {

@@ -1,8 +1,8 @@
 //! Shading models, and the conversion between their numbers and those of files.
 //!
 //! Files always follow GaussianShader's code: the diffuse colour is σ(f_dc − ln 3), and a normal
-//! that was flipped towards the viewer is −v + Δn₂. In the paper's form they are σ(diffuse) and −(v
-//! + Δn₂), so numbers are shifted and Δn₂ changes its sign between the two. Files also name the
+//! that was flipped towards the viewer is −v + Δn₂. In the paper's form they are σ(diffuse) and
+//! −(v + Δn₂), so numbers are shifted and Δn₂ changes its sign between the two. Files also name the
 //! rest of a model: the equation that combines the terms, the base axis of normals, the prefilter
 //! of the light.
 
