@@ -16,6 +16,7 @@ use crate::{
     real::Real,
     vector::{Vec3, vec3},
 };
+use core::ops::Sub;
 
 /// Faces of a cube.
 pub const FACE_COUNT: usize = 6;
@@ -184,23 +185,55 @@ pub fn footprint<R: Real>(point: &FacePoint<R>, resolution: R) -> TexelFootprint
     TexelFootprint { texel: (point.face * width + row) * width + column, right: x - column, lower: y - row }
 }
 
-/// Bilinear mean of the four texels of a footprint: upper left, upper right, lower left, lower
-/// right.
+/// Colour that is interpolated, in whatever form an executor reads it from memory; `R` is a weight.
+pub trait TexelColor<R>: Copy + Sub<Output = Self> {
+    /// self + factor · other.
+    fn add_scaled(self, factor: R, other: Self) -> Self;
+}
+
+impl<R: Real> TexelColor<R> for Vec3<R> {
+    #[inline(always)]
+    fn add_scaled(self, factor: R, other: Self) -> Self {
+        Self::add_scaled(self, factor, other)
+    }
+}
+
+/// Bilinear mean of four texels, and its slopes.
+#[derive(Clone, Copy, Debug)]
+pub struct BilinearSample<C> {
+    /// The mean.
+    pub mean: C,
+    /// Slope along the columns, per texel.
+    pub to_right: C,
+    /// Slope down the rows, per texel.
+    pub downwards: C,
+}
+
+/// Bilinear mean, with its slopes, of the four texels of a footprint: upper left, upper right,
+/// lower left, lower right.
+#[inline(always)]
+pub fn bilinear_sample<R: Copy, C: TexelColor<R>>([a, b, c, d]: [C; 4], right: R, lower: R) -> BilinearSample<C> {
+    let (top, bottom) = (b - a, d - c);
+    let upper = a.add_scaled(right, top);
+    let downwards = c.add_scaled(right, bottom) - upper;
+    BilinearSample {
+        mean: upper.add_scaled(lower, downwards),
+        to_right: top.add_scaled(lower, bottom - top),
+        downwards,
+    }
+}
+
+/// Mean of [`bilinear_sample`].
 #[inline(always)]
 pub fn bilinear<R: Real>(texels: [Vec3<R>; 4], right: R, lower: R) -> Vec3<R> {
-    let [a, b, c, d] = texels;
-    let upper = a.add_scaled(right, b - a);
-    let below = c.add_scaled(right, d - c);
-    upper.add_scaled(lower, below - upper)
+    bilinear_sample(texels, right, lower).mean
 }
 
 /// Gradient of [`bilinear`] with respect to `right` and `lower`.
 #[inline(always)]
 pub fn bilinear_vjp<R: Real>(texels: [Vec3<R>; 4], right: R, lower: R, grad: Vec3<R>) -> (R, R) {
-    let [a, b, c, d] = texels;
-    let (upper, below) = (a.add_scaled(right, b - a), c.add_scaled(right, d - c));
-    let (top, bottom) = (b - a, d - c);
-    (grad.dot(top.add_scaled(lower, bottom - top)), grad.dot(below - upper))
+    let BilinearSample { to_right, downwards, .. } = bilinear_sample(texels, right, lower);
+    (grad.dot(to_right), grad.dot(downwards))
 }
 
 /// Weights of the four texels in [`bilinear`], by which their gradients are multiplied.

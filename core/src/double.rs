@@ -7,6 +7,12 @@ use core::ops::{Add, Div, Mul, Neg, Sub};
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
 pub struct Double(pub f64);
 
+impl From<Double> for f64 {
+    fn from(number: Double) -> Self {
+        number.0
+    }
+}
+
 impl From<f64> for Double {
     fn from(value: f64) -> Self {
         Self(value)

@@ -28,6 +28,13 @@ impl Dual {
     }
 }
 
+impl From<Dual> for f64 {
+    /// The value, without its derivative.
+    fn from(number: Dual) -> Self {
+        number.value
+    }
+}
+
 impl From<f64> for Dual {
     fn from(value: f64) -> Self {
         Self::constant_from(value)

@@ -1,10 +1,33 @@
 //! The split-sum table of the authors' shading: how much a GGX surface reflects, as scale and bias
 //! of its tint.
 
-use crate::math;
+use crate::{math, real::Real};
 
 /// Texels along each side of the table: n·v across, roughness down.
 pub const RESOLUTION: usize = 256;
+
+/// Position of a coordinate among the centres of the table's texels.
+#[derive(Clone, Copy, Debug)]
+pub struct TablePosition<R> {
+    /// The texel before it, so that there is another behind it: a whole number.
+    pub texel: R,
+    /// Weight of the other, in \[0, 1\].
+    pub share: R,
+    /// 1 where the coordinate lies between two centres, 0 where it is clamped.
+    pub is_free: R,
+}
+
+/// Position of n·v or of a roughness in the table.
+#[inline(always)]
+pub fn table_position<R: Real>(x: R) -> TablePosition<R> {
+    let size = RESOLUTION as f32;
+    let last = size - 1.0;
+    let free = x * size - 0.5;
+    let inside = free.zero().less(free) & free.less(free.constant(last));
+    let limited = free.clamp(0.0, last);
+    let texel = limited.floor().min(limited.constant(last - 1.0));
+    TablePosition { texel, share: limited - texel, is_free: free.constant(1.0).keep(inside) }
+}
 
 /// (F_x, F_y) at one n·v in (0, 1] and one roughness in \[0, 1\] (Karis 2013; height-correlated
 /// Smith shadowing as in Heitz 2014, eq. 99; Schlick's Fresnel):

@@ -352,7 +352,7 @@ impl Executor for CpuExecutor {
         rules: &RenderRules,
         grad: FrameGrad,
     ) -> Result<(FrameGrad, Option<LightGrad>), CpuError> {
-        Ok(shade_pixels_vjp(&self.context, surface, light, camera, rules.shading.form, grad))
+        Ok(shade_pixels_vjp(&self.context, surface, light, camera, rules, grad))
     }
 
     fn blend_vjp(

@@ -102,6 +102,11 @@ pub(crate) const fn tile_len(channels: usize) -> usize {
     (channels + 1) * QUADS
 }
 
+/// The `len` quads of each quad of a covered tile.
+pub(crate) fn of_tile(all: &[Quad], slot: usize, len: usize) -> &[Quad] {
+    &all[slot * QUADS * len..(slot + 1) * QUADS * len]
+}
+
 /// Index of a channel of a quad in a tile.
 #[inline(always)]
 pub(crate) const fn at(channels: usize, quad: usize, channel: usize) -> usize {

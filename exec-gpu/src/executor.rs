@@ -496,7 +496,7 @@ impl Executor for GpuExecutor {
         rules: &RenderRules,
         grad: FrameGrad,
     ) -> Result<(FrameGrad, Option<LightGrad>), GpuError> {
-        shade_pixels_vjp(&mut self.context, surface, light, camera, rules.shading.form, grad)
+        shade_pixels_vjp(&mut self.context, surface, light, camera, rules, grad)
     }
 
     fn blend_vjp(

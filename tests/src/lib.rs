@@ -8,6 +8,7 @@
 //! * [`formulas`]: formulas on a device against the same formulas on the host
 //! * [`stress`]: scenes at the limits of valid input, by name
 //! * [`near_fields`]: triangles that reflected rays may hit
+//! * [`pixels`]: pixels under light that is a formula
 //! * [`prefilter_error`]: how far filtered light is from its integral
 //! * [`brute`]: plain Gaussian splatting in INRIA's conventions, [`independent`]: Gaussians exactly
 //!   along rays; both in `f64`, sharing no formula with core
@@ -18,6 +19,7 @@ pub mod derivative;
 pub mod device;
 pub mod formulas;
 pub mod near_fields;
+pub mod pixels;
 pub mod prefilter_error;
 pub mod strategies;
 pub mod stress;

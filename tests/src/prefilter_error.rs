@@ -7,7 +7,6 @@ use crate::{
 };
 use rayon::prelude::*;
 use specula_core::{
-    cubemap::padded_len,
     double::Double,
     prefilter::{Level, Levels},
     scene::{Environment, RadianceActivation},
@@ -109,14 +108,8 @@ fn spiral(count: usize) -> Vec<[f64; 3]> {
 
 /// Levels with aprons as they are looked up in `f64`.
 fn opened(levels: &[Level], texels: &[[f32; 4]]) -> Light<Double> {
-    let mut rest = texels;
-    let map = |level: &Level| {
-        let (own, others) = rest.split_at(padded_len(level.resolution));
-        rest = others;
-        own.iter().map(|[r, g, b, _]| vec3(*r, *g, *b).map(|x: f32| Double(f64::from(x)))).collect()
-    };
-    let maps = levels.iter().map(map).collect();
-    Light { levels: Levels::of(levels).expect("they were looked up before"), maps, near_field: None, lamps: None }
+    let texels = texels.iter().map(|[r, g, b, _]| vec3(*r, *g, *b).map(|x: f32| Double(f64::from(x)))).collect();
+    Light::new(Levels::of(levels).expect("they were looked up before"), texels)
 }
 
 #[cfg(test)]

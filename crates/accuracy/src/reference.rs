@@ -57,8 +57,8 @@ impl Reference {
 
     /// Rounded texels of each level of the light with their aprons; `None` for unlit scenes.
     pub(crate) fn filtered(&self) -> Option<impl Iterator<Item = Vec<[f32; 3]>> + '_> {
-        let rounded = |map: &Vec<Vec3<Double>>| map.iter().map(|texel| texel.to_array().map(|x| x.0 as f32)).collect();
-        self.light.as_ref().map(|light| light.maps.iter().map(rounded))
+        let rounded = |map: &[Vec3<Double>]| map.iter().map(|texel| texel.to_array().map(|x| x.0 as f32)).collect();
+        self.light.as_ref().map(|light| light.level_texels().map(rounded))
     }
 
     /// Renders exact views of all cameras of the subject in parallel; `done` is called for each.

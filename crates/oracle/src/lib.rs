@@ -22,7 +22,7 @@ pub mod stress;
 
 pub use cloud::{lift, lift_environment, lift_gaussians};
 pub use illuminate::Lamps;
-pub use light::{Light, LightGrad, Operator, look_up, look_up_vjp, prefilter, prefilter_vjp};
+pub use light::{Light, LightGrad, Operator, look_up, prefilter, prefilter_vjp};
 pub use losses::{
     FrozenWeights, Target, attribute_loss, attribute_loss_vjp, frame_loss, frame_loss_vjp, freeze_weights,
 };
@@ -184,7 +184,9 @@ pub fn shade_vjp<R: Number>(
             let light = light.filter(|_| shading.looks_light_up());
             if let (Some(light), Some(light_grad)) = (light, light_grad.as_deref_mut()) {
                 let (direction, roughness) = (shaded.surface.reflection_dir, shaded.surface.roughness);
-                lookup.specular = Some(look_up_vjp(light, direction, roughness, grad.specular_light, light_grad));
+                let found = light.view().look_up(direction, roughness);
+                let grad = light.view().look_up_vjp(&found, roughness, grad.specular_light, &mut light_grad.texels);
+                lookup.specular = Some(grad);
             }
             shading.surface_vjp(&planes, eye, &shaded, &grad, &channels, &lookup, &mut out)
         } else {

@@ -9,8 +9,9 @@ use specula_core::{
     cubemap::{self, FACE_COUNT},
     environment::{self, radiance_vjp},
     light_network::{ENCODING, WEIGHT_MAX, attenuations, bounded, bounded_vjp, encode, evaluate, evaluate_vjp},
+    light_view::{LightView, TexelMap},
     near_field::NearField,
-    prefilter::{Levels, Lobe, Node, PrefilterScheme, level_of_roughness, level_of_roughness_vjp},
+    prefilter::{Levels, Lobe, Node, PrefilterScheme},
     scene::Environment,
     vector::{Vec3, vec3},
 };
@@ -149,8 +150,10 @@ impl Operator {
 pub struct Light<R> {
     /// The levels.
     pub levels: Levels,
-    /// Their padded maps.
-    pub maps: Vec<Vec<Vec3<R>>>,
+    /// Their maps.
+    pub maps: Vec<TexelMap>,
+    /// Texels of all maps, with aprons.
+    pub texels: Vec<Vec3<R>>,
     /// Surface of the scene that reflected rays may hit.
     pub near_field: Option<Arc<NearField<Vec<f32>>>>,
     /// Lamps in addition to the far light.
@@ -158,6 +161,18 @@ pub struct Light<R> {
 }
 
 impl<R> Light<R> {
+    /// Levels and their texels, with aprons, one map after the other.
+    pub fn new(levels: Levels, texels: Vec<Vec3<R>>) -> Self {
+        Self { levels, maps: maps_of(&levels), texels, near_field: None, lamps: None }
+    }
+    /// The light for lookups.
+    pub fn view(&self) -> LightView<'_, R> {
+        LightView { levels: self.levels.as_slice(), maps: &self.maps, texels: &self.texels }
+    }
+    /// Texels of each level, with aprons.
+    pub fn level_texels(&self) -> impl Iterator<Item = &[Vec3<R>]> {
+        texels_of_maps(&self.maps, &self.texels)
+    }
     /// Attaches a near field.
     #[must_use]
     pub fn around(self, near_field: NearField<Vec<f32>>) -> Self {
@@ -170,17 +185,27 @@ impl<R> Light<R> {
     }
 }
 
+/// The texels of each map.
+fn texels_of_maps<'a, R>(maps: &'a [TexelMap], texels: &'a [Vec3<R>]) -> impl Iterator<Item = &'a [Vec3<R>]> {
+    maps.iter().map(|map| &texels[map.first..map.end()])
+}
+
+/// Maps of levels, one after the other.
+fn maps_of(levels: &Levels) -> Vec<TexelMap> {
+    TexelMap::side_by_side(levels.as_slice().iter().map(|level| level.resolution)).collect()
+}
+
 /// Gradient of a [`Light`], texel by texel.
 #[derive(Clone, Debug)]
 pub struct LightGrad<R> {
-    /// Gradients of the padded maps.
-    pub maps: Vec<Vec<Vec3<R>>>,
+    /// In the order of [`Light::texels`].
+    pub texels: Vec<Vec3<R>>,
 }
 
 impl<R: Number> LightGrad<R> {
     /// No gradient yet.
     pub fn zero(light: &Light<R>) -> Self {
-        Self { maps: light.maps.iter().map(|map| vec![Vec3::zero(R::of(0.0)); map.len()]).collect() }
+        Self { texels: vec![Vec3::zero(R::of(0.0)); light.texels.len()] }
     }
 }
 
@@ -260,13 +285,12 @@ pub fn prefilter<R: Number>(environment: &Environment<Vec<R>>, operator: &Operat
         }
         map
     };
-    let maps = filtered.iter().zip(operator.levels.as_slice()).map(pad).collect();
-    Light { levels: operator.levels, maps, near_field: None, lamps: None }
+    Light::new(operator.levels, filtered.iter().zip(operator.levels.as_slice()).flat_map(pad).collect())
 }
 
 /// Gradient of [`prefilter`] with respect to the environment's numbers.
 pub fn prefilter_vjp<R: Number>(environment: &Environment<Vec<R>>, operator: &Operator, grad: &LightGrad<R>) -> Vec<R> {
-    let unpad = |(map, level): (&Vec<Vec3<R>>, &specula_core::prefilter::Level)| {
+    let unpad = |(map, level): (&[Vec3<R>], &specula_core::prefilter::Level)| {
         let mut texels = vec![Vec3::zero(R::of(0.0)); FACE_COUNT * level.resolution * level.resolution];
         for (index, apron) in aprons(level.resolution) {
             let share = R::of(1.0 / apron.count as f64);
@@ -276,7 +300,8 @@ pub fn prefilter_vjp<R: Number>(environment: &Environment<Vec<R>>, operator: &Op
         }
         texels
     };
-    let grads: Vec<_> = grad.maps.iter().zip(operator.levels.as_slice()).map(unpad).collect();
+    let maps = maps_of(&operator.levels);
+    let grads: Vec<_> = texels_of_maps(&maps, &grad.texels).zip(operator.levels.as_slice()).map(unpad).collect();
     if environment.is_network() {
         return network_levels_vjp(environment, operator, &grads);
     }
@@ -287,72 +312,9 @@ pub fn prefilter_vjp<R: Number>(environment: &Environment<Vec<R>>, operator: &Op
     components.map(|(grad, radiance)| radiance_vjp(environment.activation, radiance, grad)).collect()
 }
 
-/// Light from a direction at one level: its radiance, and the inputs of its gradient.
-struct Fetch<R> {
-    level: usize,
-    footprint: cubemap::TexelFootprint<R>,
-    indices: [usize; 4],
-    texels: [Vec3<R>; 4],
-}
-
-impl<R: Number> Fetch<R> {
-    fn new(light: &Light<R>, point: &cubemap::FacePoint<R>, level: usize) -> Self {
-        let resolution = light.levels.as_slice()[level].resolution;
-        let footprint = cubemap::footprint(point, R::of(resolution as f64));
-        let first = footprint.texel.value() as usize;
-        let indices = [first, first + 1, first + resolution + 2, first + resolution + 3];
-        Self { level, footprint, indices, texels: indices.map(|index| light.maps[level][index]) }
-    }
-
-    fn radiance(&self) -> Vec3<R> {
-        cubemap::bilinear(self.texels, self.footprint.right, self.footprint.lower)
-    }
-
-    /// Gradient of u and v; adds to the light's.
-    fn vjp(&self, resolution: usize, grad: Vec3<R>, light_grad: &mut LightGrad<R>) -> (R, R) {
-        let (right, lower) = (self.footprint.right, self.footprint.lower);
-        for (index, weight) in self.indices.into_iter().zip(cubemap::bilinear_weights(right, lower)) {
-            let texel = &mut light_grad.maps[self.level][index];
-            *texel = texel.add_scaled(weight, grad);
-        }
-        let (grad_right, grad_lower) = cubemap::bilinear_vjp(self.texels, right, lower, grad);
-        let half = R::of(0.5 * resolution as f64);
-        (grad_right * half, grad_lower * half)
-    }
-}
-
-/// The two levels around a roughness, and the share of the second.
-fn neighbours<R: Number>(light: &Light<R>, point: &cubemap::FacePoint<R>, roughness: R) -> ([Fetch<R>; 2], R) {
-    let position = level_of_roughness(roughness, light.levels.as_slice());
-    let sharper = (position.value().floor() as usize).min(light.maps.len() - 2);
-    let fetches = [sharper, sharper + 1].map(|level| Fetch::new(light, point, level));
-    (fetches, position - R::of(sharper as f64))
-}
-
 /// Prefiltered radiance along a direction.
 pub fn look_up<R: Number>(light: &Light<R>, direction: Vec3<R>, roughness: R) -> Vec3<R> {
-    let ([sharp, blurred], share) = neighbours(light, &cubemap::project(direction), roughness);
-    sharp.radiance() * (-share + 1.0) + blurred.radiance() * share
-}
-
-/// Gradient of [`look_up`] with respect to direction and roughness; adds to the light's.
-pub fn look_up_vjp<R: Number>(
-    light: &Light<R>,
-    direction: Vec3<R>,
-    roughness: R,
-    grad: Vec3<R>,
-    light_grad: &mut LightGrad<R>,
-) -> (Vec3<R>, R) {
-    let point = cubemap::project(direction);
-    let ([sharp, blurred], share) = neighbours(light, &point, roughness);
-    let resolution = |fetch: &Fetch<R>| light.levels.as_slice()[fetch.level].resolution;
-    let (u, v) = sharp.vjp(resolution(&sharp), grad * (-share + 1.0), light_grad);
-    let (u2, v2) = blurred.vjp(resolution(&blurred), grad * share, light_grad);
-    let grad_position = grad.dot(blurred.radiance() - sharp.radiance());
-    (
-        cubemap::project_vjp(&point, u + u2, v + v2),
-        level_of_roughness_vjp(roughness, light.levels.as_slice(), grad_position),
-    )
+    light.view().radiance(direction, roughness)
 }
 
 #[cfg(test)]

@@ -8,19 +8,18 @@ use specula_core::{
 };
 
 /// A single [`Real`], not several side by side.
-pub trait Number: Real<Mask = bool> {
+pub trait Number: Real<Mask = bool> + Into<f64> {
     /// The nearest number of this kind.
     fn of(value: f64) -> Self;
     /// Its value as `f64`; exact.
-    fn value(self) -> f64;
+    fn value(self) -> f64 {
+        self.into()
+    }
 }
 
 impl Number for f32 {
     fn of(value: f64) -> Self {
         value as Self
-    }
-    fn value(self) -> f64 {
-        f64::from(self)
     }
 }
 
@@ -28,17 +27,11 @@ impl Number for Double {
     fn of(value: f64) -> Self {
         Self(value)
     }
-    fn value(self) -> f64 {
-        self.0
-    }
 }
 
 impl Number for Dual {
     fn of(value: f64) -> Self {
         Self::constant_from(value)
-    }
-    fn value(self) -> f64 {
-        self.value
     }
 }
 

@@ -20,8 +20,9 @@ pub mod sparse;
 use crate::sparse::{Linear, Sparse};
 use rayon::prelude::*;
 use specula_core::{
-    cubemap::{FACE_COUNT, apron_sources, padded_len, texel_direction, texel_index, texel_solid_angle},
+    cubemap::{FACE_COUNT, apron_sources, texel_direction, texel_index, texel_solid_angle},
     double::Double,
+    light_view::TexelMap,
     prefilter::{
         IRRADIANCE_RESOLUTION, Level, LevelRange, Levels, Lobe, Node, PrefilterScheme, official_cut_cosine,
         official_irradiance_weight, official_lobe_weight, official_texel_weight,
@@ -70,7 +71,7 @@ pub struct Operator {
     pyramid: Vec<(usize, usize)>,
     /// Filtered levels, and the irradiance map: each a block of rows.
     blocks: Vec<RowBlock>,
-    padded_offsets: Vec<usize>,
+    maps: Vec<TexelMap>,
     nodes: NodeTable,
     /// The official scheme's weights of one face's texels, level by level.
     official_weights: Vec<f64>,
@@ -201,10 +202,7 @@ impl Operator {
             size /= 2;
         }
         let blocks = Self::row_blocks(scheme, &levels, kept, &pyramid);
-        let mut padded_offsets = vec![0];
-        for block in &blocks {
-            padded_offsets.push(padded_offsets[padded_offsets.len() - 1] + padded_len(block.resolution));
-        }
+        let maps = TexelMap::side_by_side(blocks.iter().map(|block| block.resolution)).collect();
         let nodes = NodeTable::new(2 * resolution);
         let level_weights =
             |size: usize| (0..size * size).map(move |k| official_texel_weight(k % size, k / size, size));
@@ -215,7 +213,7 @@ impl Operator {
             levels,
             pyramid,
             blocks,
-            padded_offsets,
+            maps,
             nodes,
             official_weights,
             reductions: Vec::new(),
@@ -269,16 +267,10 @@ impl Operator {
     pub fn base_resolution(&self) -> usize {
         self.resolution
     }
-    /// Texels along an edge of a level; the irradiance map comes after the last level.
+    /// Map of each level, and of the irradiance behind them, if there is one.
     #[inline(always)]
-    pub fn resolution(&self, level: usize) -> usize {
-        self.blocks[level].resolution
-    }
-    /// First texel of each level with its apron, of the irradiance map behind them, and one past
-    /// the last.
-    #[inline(always)]
-    pub fn offsets(&self) -> &[usize] {
-        &self.padded_offsets
+    pub fn maps(&self) -> &[TexelMap] {
+        &self.maps
     }
     /// From each level of the pyramid to the next coarser one: first node of either, and the map.
     pub fn reductions(&self) -> impl DoubleEndedIterator<Item = ([usize; 2], &Linear)> {
@@ -323,7 +315,7 @@ impl Operator {
     }
     /// Texels of all levels with their aprons.
     pub fn padded_count(&self) -> usize {
-        self.padded_offsets[self.blocks.len()]
+        self.maps[self.maps.len() - 1].end()
     }
     /// Texels of the pyramid.
     pub fn node_count(&self) -> usize {

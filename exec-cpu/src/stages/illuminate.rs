@@ -5,7 +5,7 @@ use crate::{
     error::CpuError,
     frame::{Frame, PIXEL_X, PIXEL_Y, QUADS, Quad, quad_origin, tile_len},
     lanes::Lanes,
-    stages::surface::{BlendedQuad, SurfaceQuad},
+    stages::surface::SurfaceQuad,
 };
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
@@ -17,6 +17,7 @@ use specula_core::{
         shift, spiral_point, toward,
     },
     near_field::{Hit, NearField, T_DONE, T_MISS},
+    pixel_light::BlendedPixel,
     real::{AnyLane, Real},
     rules::{Channels, channel},
     scene::BLOCK,
@@ -25,7 +26,7 @@ use specula_core::{
 use std::sync::Arc;
 
 /// Numbers of a direct light.
-const LEN: usize = DirectLight::<f32>::LEN;
+pub(crate) const DIRECT_LEN: usize = DirectLight::<f32>::LEN;
 
 /// Lamps and the surfaces that cast their shadows.
 #[derive(Clone, Debug)]
@@ -77,8 +78,8 @@ pub(crate) fn illuminate(context: &Context, mut surface: Frame, lamps: Option<&L
     let has_layers = Channels::of_count(surface.channels) == Channels::Layers;
     let Some(lamps) = lamps.filter(|_| has_layers) else { return surface };
     let (channels, cover) = (surface.channels, &surface.cover);
-    let mut direct = context.take::<Quad>(cover.tiles.len() * QUADS * LEN);
-    let tiles = surface.blended.par_chunks(tile_len(channels)).zip(direct.par_chunks_mut(QUADS * LEN));
+    let mut direct = context.take::<Quad>(cover.tiles.len() * QUADS * DIRECT_LEN);
+    let tiles = surface.blended.par_chunks(tile_len(channels)).zip(direct.par_chunks_mut(QUADS * DIRECT_LEN));
     tiles.enumerate().for_each(|(slot, (tile, direct))| {
         dispatch!(context.level, simd => {
             let lifted = camera.lift(Lanes::splat(simd, 0.0));
@@ -98,12 +99,12 @@ fn illuminate_tile<S: Simd>(
     tile: &[Quad],
     direct: &mut [Quad],
 ) {
-    for (quad, out) in direct.chunks_exact_mut(LEN).enumerate() {
-        let Some(SurfaceQuad { pixel, view_dir }) = SurfaceQuad::new(simd, tile, quad, origin, camera) else {
+    for (quad, out) in direct.chunks_exact_mut(DIRECT_LEN).enumerate() {
+        let Some(SurfaceQuad { blended, view_dir }) = SurfaceQuad::new(simd, tile, quad, origin, camera) else {
             out.as_flattened_mut().fill(0.0);
             continue;
         };
-        let depth = BlendedQuad::new(simd, tile, quad).load(channel::DEPTH);
+        let (pixel, depth) = (blended.pixel(), blended.channel(channel::DEPTH));
         let offset = lamps.occluder.as_ref().map_or(0.0, |occluder| occluder.offset);
         let lit = lit_pixel(camera, &pixel, depth, view_dir, depth.constant(offset));
         let is_covered = depth.zero().less(pixel.coverage) & lit.start.is_finite();
@@ -195,15 +196,10 @@ fn share_of<S: Simd>(
     seen_share(all, reaching)
 }
 
-/// Direct light of a covered tile.
-pub(crate) fn direct_of_tile(direct: &[Quad], slot: usize) -> &[Quad] {
-    &direct[slot * QUADS * LEN..(slot + 1) * QUADS * LEN]
-}
-
 /// Direct light of a quad of a tile.
 #[inline(always)]
 pub(crate) fn direct_of_quad<S: Simd>(simd: S, direct: &[Quad], quad: usize) -> DirectLight<Lanes<S>> {
-    DirectLight::from_array(Lanes::load_each(simd, &direct[quad * LEN..]))
+    DirectLight::from_array(Lanes::load_each(simd, &direct[quad * DIRECT_LEN..]))
 }
 
 /// Numbers in every lane.

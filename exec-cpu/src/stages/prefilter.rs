@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use specula_core::{
     cubemap::{FACE_COUNT, padded_index},
     environment::{radiance, radiance_vjp},
+    light_view::TexelMap,
     near_field::NearField,
     pack::Storage,
     prefilter::Level,
@@ -57,20 +58,10 @@ impl Light {
     pub fn levels(&self) -> &[Level] {
         self.operator.levels()
     }
-    /// Texels along an edge of a level; the irradiance map comes after the last level.
+    /// Map of each level, and of the irradiance behind them, if there is one.
     #[inline(always)]
-    pub(crate) fn resolution(&self, level: usize) -> usize {
-        self.operator.resolution(level)
-    }
-    /// First texel of each level, and of the irradiance map behind them.
-    #[inline(always)]
-    pub(crate) fn offsets(&self) -> &[usize] {
-        self.operator.offsets()
-    }
-    /// Number of the irradiance map, the last level if there is none behind it.
-    #[inline(always)]
-    pub(crate) fn irradiance_map(&self) -> usize {
-        self.offsets().len() - 2
+    pub(crate) fn maps(&self) -> &[TexelMap] {
+        self.operator.maps()
     }
     /// All levels, one after the other, each with its apron; then the irradiance map, if there is
     /// one.
@@ -79,8 +70,8 @@ impl Light {
     }
     /// Red, green and blue of a level's texels, without the apron: face by face, rows from the top.
     pub fn faces(&self, level: usize) -> Vec<f32> {
-        let resolution = self.resolution(level);
-        let texels = &self.texels[self.offsets()[level]..];
+        let TexelMap { first, resolution } = self.maps()[level];
+        let texels = &self.texels[first..];
         let texel = |index: usize| {
             let (face, row, column) =
                 (index / resolution / resolution, index / resolution % resolution, index % resolution);
@@ -91,7 +82,7 @@ impl Light {
     /// Puts texels that were filtered elsewhere into a level: with the apron, in the order of
     /// [`specula_core::cubemap::padded_index`].
     pub fn set_level(&mut self, level: usize, texels: impl IntoIterator<Item = [f32; 3]>) {
-        let first = self.offsets()[level];
+        let first = self.maps()[level].first;
         for (texel, [red, green, blue]) in self.texels[first..].iter_mut().zip(texels) {
             *texel = [red, green, blue, 0.0];
         }

@@ -7,75 +7,83 @@ use crate::{
 use fearless_simd::Simd;
 use specula_core::{
     camera::CameraOf,
-    rules::{Channels, channel},
-    shade_pixels::Pixel,
-    vector::{Vec3, vec3},
+    pixel_light::{BlendedGrads, BlendedPixel},
+    rules::Channels,
+    vector::Vec3,
 };
 
-/// The numbers of a quad of a tile, by the channels of all layers.
+/// The numbers of a quad of a tile, or their gradients.
 #[derive(Clone, Copy)]
-pub(crate) struct BlendedQuad<'a, S: Simd> {
+pub(crate) struct BlendedQuad<S, T> {
     simd: S,
-    tile: &'a [Quad],
+    tile: T,
     quad: usize,
     channels: Channels,
 }
 
-impl<'a, S: Simd> BlendedQuad<'a, S> {
+impl<S: Simd, T: AsRef<[Quad]>> BlendedQuad<S, T> {
     #[inline(always)]
-    pub(crate) fn new(simd: S, tile: &'a [Quad], quad: usize) -> Self {
-        Self { simd, tile, quad, channels: Channels::of_count(tile.len() / QUADS - 1) }
+    pub(crate) fn new(simd: S, tile: T, quad: usize) -> Self {
+        let channels = Channels::of_count(tile.as_ref().len() / QUADS - 1);
+        Self { simd, tile, quad, channels }
     }
-    /// Loads a channel; zero for one that is not blended, because nothing reads it.
     #[inline(always)]
-    pub(crate) fn load(&self, channel: usize) -> Lanes<S> {
+    fn load(&self, index: usize) -> Lanes<S> {
+        Lanes::load(self.simd, &self.tile.as_ref()[at(self.channels.count(), self.quad, index)])
+    }
+}
+
+impl<S: Simd, T: AsRef<[Quad]>> BlendedPixel<Lanes<S>> for BlendedQuad<S, T> {
+    #[inline(always)]
+    fn channel(&self, channel: usize) -> Lanes<S> {
         match self.channels.index_of(channel) {
-            Some(index) => Lanes::load(self.simd, &self.tile[at(self.channels.count(), self.quad, index)]),
+            Some(index) => self.load(index),
             None => Lanes::splat(self.simd, 0.0),
         }
     }
     #[inline(always)]
-    pub(crate) fn load3(&self, channel: usize) -> Vec3<Lanes<S>> {
-        vec3(self.load(channel), self.load(channel + 1), self.load(channel + 2))
-    }
-    #[inline(always)]
-    pub(crate) fn transmittance(&self) -> Lanes<S> {
-        let count = self.channels.count();
-        Lanes::load(self.simd, &self.tile[at(count, self.quad, count)])
+    fn transmittance(&self) -> Lanes<S> {
+        self.load(self.channels.count())
     }
 }
 
-/// Surface that was blended into a quad, and its view directions.
-pub(crate) struct SurfaceQuad<S: Simd> {
-    pub(crate) pixel: Pixel<Lanes<S>>,
+impl<S: Simd, T: AsRef<[Quad]> + AsMut<[Quad]>> BlendedGrads<Lanes<S>> for BlendedQuad<S, T> {
+    #[inline(always)]
+    fn set(&mut self, channel: usize, grad: Lanes<S>) {
+        if let Some(index) = self.channels.index_of(channel) {
+            grad.store(&mut self.tile.as_mut()[at(self.channels.count(), self.quad, index)]);
+        }
+    }
+    #[inline(always)]
+    fn set_transmittance(&mut self, grad: Lanes<S>) {
+        let count = self.channels.count();
+        grad.store(&mut self.tile.as_mut()[at(count, self.quad, count)]);
+    }
+}
+
+/// The numbers of a quad that is covered, and its view directions.
+pub(crate) struct SurfaceQuad<'a, S: Simd> {
+    pub(crate) blended: BlendedQuad<S, &'a [Quad]>,
     pub(crate) view_dir: Vec3<Lanes<S>>,
 }
 
-impl<S: Simd> SurfaceQuad<S> {
+impl<'a, S: Simd> SurfaceQuad<'a, S> {
     /// A quad of a tile; `None` if nothing covers it.
     #[inline(always)]
     pub(crate) fn new(
         simd: S,
-        tile: &[Quad],
+        tile: &'a [Quad],
         quad: usize,
         origin: [f32; 2],
         camera: &CameraOf<Lanes<S>>,
     ) -> Option<Self> {
         let blended = BlendedQuad::new(simd, tile, quad);
-        let coverage = -blended.transmittance() + 1.0;
-        if !coverage.any_positive() {
+        if !blended.coverage().any_positive() {
             return None;
         }
-        let pixel = Pixel {
-            base: blended.load3(channel::COLOR),
-            normal: blended.load3(channel::NORMAL),
-            tint: blended.load3(channel::TINT),
-            roughness: blended.load(channel::ROUGHNESS),
-            coverage,
-        };
         let [x, y] = quad_origin(quad);
         let x = Lanes::from_array(simd, PIXEL_X) + (origin[0] + x as f32);
         let y = Lanes::from_array(simd, PIXEL_Y) + (origin[1] + y as f32);
-        Some(Self { pixel, view_dir: camera.view_dir(x, y) })
+        Some(Self { blended, view_dir: camera.view_dir(x, y) })
     }
 }

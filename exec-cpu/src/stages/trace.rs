@@ -4,7 +4,7 @@ use crate::{
     context::Context,
     frame::{Frame, QUADS, Quad, tile_len},
     lanes::Lanes,
-    stages::surface::{BlendedQuad, SurfaceQuad},
+    stages::surface::SurfaceQuad,
 };
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
@@ -14,6 +14,7 @@ use specula_core::{
         Hits, NearField, NearSurface, Reflection, T_DONE, T_MISS, VERTEX_LEN, is_traced, ray_origin, surface_within,
         vertex_surface,
     },
+    pixel_light::BlendedPixel,
     real::{AnyLane, Real},
     rules::{Channels, channel},
     scene::BLOCK,
@@ -21,7 +22,7 @@ use specula_core::{
 };
 
 /// Numbers of a reflection.
-pub(crate) const LEN: usize = Reflection::<f32>::LEN;
+pub(crate) const REFLECTION_LEN: usize = Reflection::<f32>::LEN;
 
 /// Traces the reflected rays of a frame's pixels. A frame without depths, or of a light without a
 /// near field, is returned unchanged.
@@ -34,8 +35,8 @@ pub(crate) fn trace(
     let has_depth = Channels::of_count(surface.channels).contain(channel::DEPTH);
     let Some(near_field) = near_field.filter(|_| has_depth) else { return surface };
     let (channels, cover) = (surface.channels, &surface.cover);
-    let mut reflections = context.take::<Quad>(cover.tiles.len() * QUADS * LEN);
-    let tiles = surface.blended.par_chunks(tile_len(channels)).zip(reflections.par_chunks_mut(QUADS * LEN));
+    let mut reflections = context.take::<Quad>(cover.tiles.len() * QUADS * REFLECTION_LEN);
+    let tiles = surface.blended.par_chunks(tile_len(channels)).zip(reflections.par_chunks_mut(QUADS * REFLECTION_LEN));
     tiles.enumerate().for_each(|(slot, (tile, reflections))| {
         dispatch!(context.level, simd => {
             let lifted = camera.lift(Lanes::splat(simd, 0.0));
@@ -55,13 +56,13 @@ fn trace_tile<S: Simd>(
     tile: &[Quad],
     reflections: &mut [Quad],
 ) {
-    for (quad, out) in reflections.chunks_exact_mut(LEN).enumerate() {
-        let Some(SurfaceQuad { pixel, view_dir }) = SurfaceQuad::new(simd, tile, quad, origin, camera) else {
+    for (quad, out) in reflections.chunks_exact_mut(REFLECTION_LEN).enumerate() {
+        let Some(SurfaceQuad { blended, view_dir }) = SurfaceQuad::new(simd, tile, quad, origin, camera) else {
             out.as_flattened_mut().fill(0.0);
             continue;
         };
+        let (pixel, depth) = (blended.pixel(), blended.channel(channel::DEPTH));
         let surface = pixel_surface(&pixel, view_dir);
-        let depth = BlendedQuad::new(simd, tile, quad).load(channel::DEPTH);
         let start = ray_origin(camera, &pixel, depth, view_dir, depth.constant(near_field.offset));
         let (direction, roughness) = (surface.reflection_dir, surface.roughness);
         let reach = Lanes::select(is_traced(pixel.coverage, roughness), depth.constant(T_MISS), depth.constant(T_DONE));
@@ -99,5 +100,5 @@ fn surfaces<S: Simd>(simd: S, near_field: &NearField<Vec<f32>>, hits: &Hits<Lane
 /// Reflection of a quad of a tile.
 #[inline(always)]
 pub(crate) fn reflection_of_quad<S: Simd>(simd: S, reflections: &[Quad], quad: usize) -> Reflection<Lanes<S>> {
-    Reflection::from_array(Lanes::load_each(simd, &reflections[quad * LEN..]))
+    Reflection::from_array(Lanes::load_each(simd, &reflections[quad * REFLECTION_LEN..]))
 }

@@ -1,6 +1,6 @@
 //! Functions of WGSL from core's formulas.
 
-use crate::codegen::trace::trace;
+use crate::codegen::trace::{Traced, trace};
 use core::fmt::Write;
 use specula_core::{real::Real, vector::Vec3};
 
@@ -243,10 +243,38 @@ pub fn function(formula: &impl Formula) -> String {
             }
         }
     }
+    let arguments = arguments_of(&parameters);
+    let Returned { declared, kind, statement } = Returned::new(&name, &returned);
+    format!("{declared}fn {name}({arguments}){kind} {{\n{statements}{statement}}}\n")
+}
+
+/// Function of WGSL that calls other functions of the shader ([`TracedValue`]) and stores numbers
+/// in its variables, which `body` returns.
+///
+/// [`TracedValue`]: crate::codegen::trace::TracedValue
+pub(crate) fn procedure(
+    name: &str,
+    parameters: &[Field],
+    body: impl FnOnce(&mut Inputs<'_, Traced>) -> Vec<(String, Traced)>,
+) -> String {
+    let inputs: Vec<String> = parameters.iter().flat_map(numbers_of).collect();
+    let mut variables = Vec::new();
+    let (mut statements, numbers) = trace(&inputs, |inputs| {
+        let numbers;
+        (variables, numbers) = body(&mut Inputs::new(inputs)).into_iter().unzip();
+        numbers
+    });
+    for (variable, number) in variables.iter().zip(numbers) {
+        push(&mut statements, &format!("{variable} = {number};"));
+    }
+    format!("fn {name}({}) {{\n{statements}}}\n", arguments_of(parameters))
+}
+
+/// Arguments of a function, as it declares them.
+fn arguments_of(parameters: &[Field]) -> String {
     let arguments = parameters.iter().filter(|field| field.binding == FieldBinding::Argument);
     let arguments: Vec<String> = arguments.map(|field| format!("{}: {}", field.name, type_of(field.len))).collect();
-    let Returned { declared, kind, statement } = Returned::new(&name, &returned);
-    format!("{declared}fn {name}({}){kind} {{\n{statements}{statement}}}\n", arguments.join(", "))
+    arguments.join(", ")
 }
 
 fn push(statements: &mut String, statement: &str) {

@@ -4,6 +4,8 @@
 //! Operations that no result depends on are dropped, common subexpressions are evaluated once, and
 //! operations keep their order: shaders compute exactly the expressions of core.
 //!
+//! A composition that looks values up in between calls functions of the shader ([`TracedValue`]).
+//!
 //! A variant, such as the shading function of a profile or a smaller number of harmonics, is the
 //! same formula traced under other rules. Tests evaluate every formula on the device and compare it
 //! with the `f32` and `f64` of the host.
@@ -14,7 +16,10 @@ use core::{
     fmt::Write,
     ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Shl, Sub},
 };
-use specula_core::real::Real;
+use specula_core::{
+    real::Real,
+    vector::{Vec3, vec3},
+};
 use std::collections::HashMap;
 
 /// A number in a record.
@@ -28,6 +33,11 @@ pub(crate) struct TracedMask(u32);
 /// A 32-bit word in a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct TracedWord(u32);
+
+/// A value of any type of the shader in a record: numbers side by side, or the result of one of its
+/// functions.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TracedValue(u32);
 
 /// One operation of a record; its operands are earlier ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -46,7 +56,14 @@ enum Operation {
     Infix(u32, &'static str, u32),
     /// The first where the mask, the last, holds; else the second.
     Select(u32, u32, u32),
+    /// A function of the shader. It is called even if nothing reads its result.
+    Function(&'static str, [Option<u32>; ARGUMENTS_MAX]),
+    /// A component or a member of a value.
+    Member(u32, &'static str),
 }
+
+/// Most arguments of a function of the shader.
+const ARGUMENTS_MAX: usize = 4;
 
 #[derive(Default)]
 struct Record {
@@ -98,7 +115,8 @@ fn write_out(
     let recorded: Vec<u32> = (0..inputs.len() as u32).map(|k| push(Operation::Input(k))).collect();
     let results = record(&mut recorded.into_iter());
     RECORD.with_borrow(|record| {
-        let mut is_needed = vec![false; record.operations.len()];
+        let is_function = |operation: &Operation| matches!(operation, Operation::Function(..));
+        let mut is_needed: Vec<bool> = record.operations.iter().map(is_function).collect();
         results.iter().for_each(|result| is_needed[*result as usize] = true);
         for (index, operation) in record.operations.iter().enumerate().rev().filter(|(_, o)| !o.is_leaf()) {
             if is_needed[index] {
@@ -124,10 +142,11 @@ impl Operation {
 
     fn operands(&self) -> impl Iterator<Item = u32> {
         let operands = match *self {
-            Self::Input(_) | Self::Constant(_) | Self::Word(_) => [None; 3],
-            Self::Prefix(_, a) | Self::Call(_, a) => [Some(a), None, None],
-            Self::Infix(a, _, b) => [Some(a), Some(b), None],
-            Self::Select(a, b, mask) => [Some(a), Some(b), Some(mask)],
+            Self::Input(_) | Self::Constant(_) | Self::Word(_) => [None; ARGUMENTS_MAX],
+            Self::Prefix(_, a) | Self::Call(_, a) | Self::Member(a, _) => [Some(a), None, None, None],
+            Self::Infix(a, _, b) => [Some(a), Some(b), None, None],
+            Self::Select(a, b, mask) => [Some(a), Some(b), Some(mask), None],
+            Self::Function(_, arguments) => arguments,
         };
         operands.into_iter().flatten()
     }
@@ -145,6 +164,11 @@ fn expression(operation: &Operation, record: &Record, inputs: &[String]) -> Stri
         Operation::Select(if_true, if_false, mask) => {
             format!("select({}, {}, {})", of(if_false), of(if_true), of(mask))
         }
+        Operation::Function(name, arguments) => {
+            let arguments: Vec<String> = arguments.into_iter().flatten().map(of).collect();
+            format!("{name}({})", arguments.join(", "))
+        }
+        Operation::Member(value, name) => format!("{}.{name}", of(value)),
     }
 }
 
@@ -169,6 +193,44 @@ pub(crate) fn literal(value: f32) -> String {
 
 fn constant(value: f32) -> u32 {
     push(Operation::Constant(value.to_bits()))
+}
+
+impl TracedValue {
+    /// Result of a function of the shader.
+    pub(crate) fn call<const N: usize>(name: &'static str, arguments: [Self; N]) -> Self {
+        let mut operands = [None; ARGUMENTS_MAX];
+        operands.iter_mut().zip(arguments).for_each(|(operand, argument)| *operand = Some(argument.0));
+        Self(push(Operation::Function(name, operands)))
+    }
+    /// Member of a structure.
+    pub(crate) fn member(self, name: &'static str) -> Self {
+        Self(push(Operation::Member(self.0, name)))
+    }
+    /// First components of a vector.
+    pub(crate) fn components<const N: usize>(self) -> [Traced; N] {
+        array::from_fn(|k| Traced(self.member(["x", "y", "z", "w"][k]).0))
+    }
+    /// Three components.
+    pub(crate) fn vec3(self) -> Vec3<Traced> {
+        let [x, y, z] = self.components();
+        vec3(x, y, z)
+    }
+}
+
+impl From<Traced> for TracedValue {
+    fn from(number: Traced) -> Self {
+        Self(number.0)
+    }
+}
+impl From<[Traced; 2]> for TracedValue {
+    fn from([x, y]: [Traced; 2]) -> Self {
+        Self::call("vec2f", [x.into(), y.into()])
+    }
+}
+impl From<Vec3<Traced>> for TracedValue {
+    fn from(Vec3 { x, y, z }: Vec3<Traced>) -> Self {
+        Self::call("vec3f", [x.into(), y.into(), z.into()])
+    }
 }
 
 macro_rules! arithmetic {
@@ -308,6 +370,21 @@ mod tests {
                         let v8 = v6 - 0.5f;\n    let v10 = (-1.0f) < v3;\n    let v11 = select((-1.0f), v3, v10);\n";
         assert_eq!(statements, expected);
         assert_eq!(results, ["v8", "v11"]);
+    }
+
+    #[test]
+    fn functions_of_the_shader_are_called_with_vectors_and_give_members() {
+        let inputs = ["a".to_owned(), "b".to_owned()];
+        let (statements, results) = trace(&inputs, |x| {
+            let seen = TracedValue::call("look_up", [vec3(x[0], x[1], x[0]).into(), x[1].into()]);
+            TracedValue::call("add_to_sum", [seen, [x[0], x[0].constant(2.0)].into()]);
+            vec![seen.member("radiance").vec3().y]
+        });
+        let expected = "    let v0 = a;\n    let v1 = b;\n    let v2 = vec3f(v0, v1, v0);\n    \
+                        let v3 = look_up(v2, v1);\n    let v5 = vec2f(v0, 2.0f);\n    \
+                        let v6 = add_to_sum(v3, v5);\n    let v7 = v3.radiance;\n    let v9 = v7.y;\n";
+        assert_eq!(statements, expected);
+        assert_eq!(results, ["v9"]);
     }
 
     #[test]

@@ -14,18 +14,21 @@ use specula_core::{
     },
     blend,
     camera::{Camera, CameraOf, NEAR},
-    color, covariance, cubemap, depth_normal,
+    color, covariance,
+    cubemap::{self, padded_len},
+    depth_normal,
     double::Double,
     dual::Dual,
     environment,
     expose::{self, Exposure},
     ggx,
     light_network::{self, Answers, DEGREES, HIDDEN_MAX, NUMBER_MAX, WEIGHT_COUNT, WEIGHT_MAX},
+    light_view::{LightView, TexelMap},
     loss::{self, NormalForm, NormalPatch},
     near_field::Reflection,
     normal::{self, AxisRule},
     physical::{self, PixelFacing, PixelLight},
-    prefilter::{self, Levels, PrefilterScheme},
+    prefilter::{self, Level, Levels, PrefilterScheme},
     project::{self, Shape},
     real::Real,
     rules::{Channels, RenderRules, channel},
@@ -41,12 +44,30 @@ use specula_tests::{
     compare::SAME_DERIVATIVE,
     derivative::{assert_vjp, random_cotangent},
     number::{Number, numbers_of, take3, take9, vector},
+    pixels::{PIXEL_LEN, PixelCase, SMOOTH_LEN},
     strategies::{any_vector, camera, log_scales, quat, random_environment, rotation, same_every_time, unit_vector},
 };
 
 /// Twelve numbers, row by row.
 fn exposure_of<R: Number>(numbers: &[R]) -> Exposure<R> {
     [0, 4, 8].map(|row| [numbers[row], numbers[row + 1], numbers[row + 2], numbers[row + 3]])
+}
+
+/// The smooth numbers of a pixel, then the others, which are constants.
+fn followed_by<R: Number>(smooth: &[R], numbers: &[f64]) -> Vec<R> {
+    smooth.iter().copied().chain(numbers[SMOOTH_LEN..].iter().map(|x| R::of(*x))).collect()
+}
+
+/// Levels of a small light.
+const LEVELS: [Level; 2] = [Level { roughness: 0.2, resolution: 2 }, Level { roughness: 0.7, resolution: 1 }];
+/// Colours of its texels.
+const LIGHT_LEN: usize = 3 * (padded_len(2) + padded_len(1));
+
+/// Uses the small light of some colours.
+fn with_light<R: Number, T>(colors: &[R], use_it: impl FnOnce(LightView<'_, R>) -> T) -> T {
+    let maps: Vec<TexelMap> = TexelMap::side_by_side(LEVELS.iter().map(|level| level.resolution)).collect();
+    let texels: Vec<Vec3<R>> = colors.chunks_exact(3).map(take3).collect();
+    use_it(LightView { levels: &LEVELS, maps: &maps, texels: &texels })
 }
 
 /// Numbers side by side.
@@ -397,6 +418,52 @@ proptest! {
                     shade_pixels::pixel_color_vjp(&surface_of_pixel(x), take3(&x[10..]), x[13], take3(g));
                 join(&[&numbers_of_surface(&surface), &light.to_array(), &[coverage]])
             },
+            SAME_DERIVATIVE,
+        );
+    }
+
+    /// Every form and every light but lamps, which have no gradient.
+    #[test]
+    fn light_of_pixels_is_derived_right(numbers in vec(0.05..0.6_f64, PIXEL_LEN)) {
+        for case in PixelCase::all().into_iter().filter(|case| !case.is_illuminated) {
+            assert_vjp(
+                &numbers[..SMOOTH_LEN],
+                |x| case.shaded(&followed_by(x, &numbers)).color.to_array().to_vec(),
+                |x, g| case.shaded_vjp(&followed_by(x, &numbers), take3(g)),
+                SAME_DERIVATIVE,
+            );
+        }
+    }
+
+    /// Beyond the levels, too, where the roughness has no gradient.
+    #[test]
+    fn lookups_of_lights_are_derived_right(
+        direction in unit_vector(),
+        roughness in 0.0..1.0_f64,
+        radiance in vec(0.1..2.0_f64, LIGHT_LEN),
+    ) {
+        let look = [&direction[..], &[roughness], &radiance].concat();
+        assert_vjp(
+            &look,
+            |x| with_light(&x[4..], |light| light.radiance(take3(x), x[3]).to_array().to_vec()),
+            |x, g| with_light(&x[4..], |light| {
+                let mut texels = vec![Vec3::splat(Double(0.0)); light.texels.len()];
+                let (direction, roughness) =
+                    light.look_up_vjp(&light.look_up(take3(x), x[3]), x[3], take3(g), &mut texels);
+                let texels = texels.iter().flat_map(|texel| texel.to_array());
+                direction.to_array().into_iter().chain([roughness]).chain(texels).collect()
+            }),
+            SAME_DERIVATIVE,
+        );
+        assert_vjp(
+            &look,
+            |x| with_light(&x[4..], |light| light.irradiance(take3(x)).to_array().to_vec()),
+            |x, g| with_light(&x[4..], |light| {
+                let mut texels = vec![Vec3::splat(Double(0.0)); light.texels.len()];
+                let (normal, _) = light.look_up_vjp(&light.look_up_irradiance(take3(x)), x[3], take3(g), &mut texels);
+                let texels = texels.iter().flat_map(|texel| texel.to_array());
+                normal.to_array().into_iter().chain([Double(0.0)]).chain(texels).collect()
+            }),
             SAME_DERIVATIVE,
         );
     }

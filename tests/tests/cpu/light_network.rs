@@ -204,7 +204,7 @@ fn levels_and_gradients_are_those_of_f64() {
     let back = exec.prefilter_vjp(&light, &ours, &grad).expect("the CPU goes back");
     let mut level_grads = plain::LightGrad::<Double>::zero(&exact_levels);
     let mut numbers = cotangent.chunks_exact(3);
-    for texel in level_grads.maps.iter_mut().flatten() {
+    for texel in &mut level_grads.texels {
         let rgb = numbers.next().expect("as many texels");
         *texel = vec3(Double(rgb[0]), Double(rgb[1]), Double(rgb[2]));
     }
@@ -228,7 +228,7 @@ fn the_gradient_of_the_weights_is_the_adjoint_of_the_levels() {
             weight.slope = *along;
         }
         let levels = plain::prefilter(&lifted, &operator);
-        let slopes = levels.maps.iter().flatten().flat_map(|texel| texel.to_array().map(|x| x.slope));
+        let slopes = levels.texels.iter().flat_map(|texel| texel.to_array().map(|x| x.slope));
         let (mut forward, mut size) = (0.0, 0.0);
         for (slope, y) in slopes.zip(&cotangent) {
             forward += slope * y;
@@ -322,7 +322,7 @@ fn weights_of_every_size_are_evaluated_to_finite_light() {
 }
 
 fn numbers_of_maps(light: &plain::Light<Double>) -> Vec<f64> {
-    light.maps.iter().flatten().flat_map(|texel| texel.to_array().map(|x| x.0)).collect()
+    light.texels.iter().flat_map(|texel| texel.to_array().map(|x| x.0)).collect()
 }
 
 fn as_texels(numbers: &[f64]) -> Vec<[f32; 4]> {

@@ -18,6 +18,7 @@ mod near_field;
 mod order;
 mod perspective;
 mod physical;
+mod pixel_light;
 mod pipeline_gradients;
 mod plan;
 mod poison;

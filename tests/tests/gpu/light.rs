@@ -25,15 +25,13 @@ use specula_gpu::{
         },
         prefilter::formulas::RadianceOf,
         prefilter_vjp::formulas::RadianceVjp,
-        shade_pixels::formulas::SurfaceOfPixel,
-        shade_pixels_vjp::formulas::{ColorOfPixelVjp, FacingOfPixelVjp, PhysicalColorOfPixelVjp, SurfaceOfPixelVjp},
     },
 };
 use specula_tests::{
     compare::{assert_all_close, assert_close, relative_difference},
     derivative::pull_back,
     device::{executor, executor_with_arrays_of},
-    formulas::{ROWS, assert_every_formula_has_a_case, assert_same, camera, numbers_of, side_by_side, uniform_rows},
+    formulas::{assert_every_formula_has_a_case, assert_same, camera, side_by_side, uniform_rows},
     near_fields::{polished, random_near_field},
     number::{Number, vector},
     plain,
@@ -89,19 +87,6 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
         assert_same(gpu, &Rectify, &uniform_rows(16, &[numbers]));
         assert_same(gpu, &RectifyVjp, &rows);
     }
-    let materials = uniform_rows(18, &[[0.0, 1.0]; 15]);
-    assert_same(gpu, &PhysicalColorOfPixelVjp, &side_by_side(&materials, &uniform_rows(19, &[signed; 3])));
-    let surfaces = uniform_rows(7, &[[0.0, 1.0]; 10]);
-    assert_same(gpu, &ColorOfPixelVjp, &side_by_side(&surfaces, &uniform_rows(8, &[signed; 3])));
-    for blended in [Channels::Color, Channels::Training, Channels::Lit, Channels::Surface, Channels::Layers] {
-        let mut bounds = vec![[0.1, 0.9]; blended.count() + 1];
-        bounds.extend([[0.0, 70.0], [0.0, 45.0]]);
-        let pixels = side_by_side(&uniform_rows(9, &bounds), &numbers_of(&camera(70, 45)).repeat(ROWS));
-        let rows = side_by_side(&pixels, &uniform_rows(10, &[signed; 10]));
-        assert_same(gpu, &SurfaceOfPixelVjp(SurfaceOfPixel { blended }), &rows);
-        let rows = side_by_side(&pixels, &uniform_rows(20, &[signed; 4]));
-        assert_same(gpu, &FacingOfPixelVjp(SurfaceOfPixel { blended }), &rows);
-    }
 }
 
 #[test]
@@ -111,11 +96,10 @@ fn no_formula_is_left_out() {
         include_str!("../../../exec-gpu/src/stages/light_network/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/prefilter/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/prefilter_vjp/formulas.rs"),
-        include_str!("../../../exec-gpu/src/stages/shade_pixels_vjp/formulas.rs"),
     ];
     // The lookup itself has its cases beside those of the other stages.
     let cases = [include_str!("light.rs"), include_str!("stages.rs")].concat();
-    assert_every_formula_has_a_case(&formulas, &cases, 17);
+    assert_every_formula_has_a_case(&formulas, &cases, 15);
 }
 
 /// Colours to add to a few texels: of either sign and of any size.
@@ -608,7 +592,7 @@ fn gives_back_what_plain_loops_do(gpu: &mut GpuExecutor, scene: &Scene) {
     let exact = Gradient {
         blended: ours.blended.clone(),
         grad: exact.values.iter().map(|x| x.0).collect(),
-        light: light_grad.maps.iter().flatten().flat_map(flat).collect(),
+        light: light_grad.texels.iter().flat_map(flat).collect(),
         environment: plain::prefilter_vjp(&environment, &operator, &light_grad).iter().map(|x| x.0).collect(),
     };
     assert_same_gradient(scene, &ours, &exact);

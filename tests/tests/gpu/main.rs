@@ -10,6 +10,7 @@ mod loss;
 mod near_field;
 mod order;
 mod pieces;
+mod pixel_light;
 mod stages;
 mod stress;
 mod train;

@@ -13,13 +13,7 @@ use specula_core::{
 use specula_cpu::CpuExecutor;
 use specula_gpu::{
     GpuError, GpuExecutor,
-    stages::{
-        shade_pixels::formulas::SurfaceOfPixel,
-        trace::formulas::{
-            BoxSpan, CrossingOf, FarReflection, IndirectOfReflection, InverseDirection, LightOfReflection,
-            LightOfReflectionVjp, LookupOfReflection, NearReflection, RayOfPixel, VisibilityOfReflection,
-        },
-    },
+    stages::trace::formulas::{BoxSpan, CrossingOf, FarReflection, InverseDirection, NearReflection, RayOfPixel},
 };
 use specula_tests::{
     compare::{assert_psnr, psnr},
@@ -40,13 +34,13 @@ const IN_HALVES: f64 = 55.0;
 fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     let Some(mut gpu) = executor() else { return };
     let gpu = &mut gpu;
-    let (signed, share) = ([-1.0, 1.0], [0.0, 1.0]);
+    let share = [0.0, 1.0];
     for blended in [Channels::Training, Channels::Surface, Channels::Layers] {
         let mut bounds = vec![[0.1, 0.9]; blended.count() + 1];
         bounds.extend([[0.0, 70.0], [0.0, 45.0]]);
         let pixels = side_by_side(&uniform_rows(1, &bounds), &numbers_of(&camera(70, 45)).repeat(ROWS));
         let rows = side_by_side(&pixels, &uniform_rows(2, &[[0.0, 0.1]]));
-        assert_same(gpu, &RayOfPixel(SurfaceOfPixel { blended }), &rows);
+        assert_same(gpu, &RayOfPixel(blended), &rows);
     }
     assert_same(gpu, &InverseDirection, &uniform_rows(3, &[[0.05, 1.0], [-1.0, -0.05], [0.05, 1.0]]));
     let corners = [[-1.0, -0.2], [0.2, 1.0]].map(|bounds| [bounds; 3]).concat();
@@ -66,18 +60,12 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     assert_same(gpu, &FarReflection, &uniform_rows(6, &[direction.to_vec(), vec![share]].concat()));
     let hit = [direction.to_vec(), vec![[0.05, 0.95], [0.0, 0.5], [0.0, 0.5]]].concat();
     assert_same(gpu, &NearReflection, &uniform_rows(7, &[hit, vec![[0.1, 0.9]; 3 * VERTEX_LEN]].concat()));
-    let reflection = vec![share; 11];
-    assert_same(gpu, &LookupOfReflection, &uniform_rows(8, &reflection));
-    assert_same(gpu, &LightOfReflection, &uniform_rows(9, &[reflection.clone(), vec![[0.0, 3.0]; 6]].concat()));
-    assert_same(gpu, &IndirectOfReflection, &uniform_rows(11, &[reflection.clone(), vec![[0.0, 3.0]; 3]].concat()));
-    assert_same(gpu, &VisibilityOfReflection, &uniform_rows(12, &reflection));
-    assert_same(gpu, &LightOfReflectionVjp, &uniform_rows(10, &[reflection, vec![signed; 3]].concat()));
 }
 
 #[test]
 fn no_formula_is_left_out() {
     let formulas = [include_str!("../../../exec-gpu/src/stages/trace/formulas.rs")];
-    assert_every_formula_has_a_case(&formulas, include_str!("near_field.rs"), 9);
+    assert_every_formula_has_a_case(&formulas, include_str!("near_field.rs"), 6);
 }
 
 /// Polished Gaussians among triangles.

@@ -23,7 +23,6 @@ use specula_gpu::{
         project::formulas::SplatOf,
         sampling::formulas::{DeviationOf, IntervalOf, LeastInterval},
         shade::formulas::{ColorsOf, LitColorsOf, SurfaceOf},
-        shade_pixels::formulas::{ColorOfPixel, FacingOfPixel, PhysicalColorOfPixel, SurfaceOfPixel},
     },
 };
 use specula_tests::{
@@ -78,7 +77,6 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     let outline = [[-9.0, 90.0], [0.0, 45.0], [-0.5, 0.5], [1.0, 90.0], [0.1, 0.5], [-3.0, 3.0], [3.0, 9.0]];
     let rows = uniform_rows(12, &[&outline[..], &[[0.0, 3.0], [5.0, 5.0]]].concat());
     assert_same(gpu, &TileColumns, &rows);
-    assert_same(gpu, &ColorOfPixel, &uniform_rows(7, &[[0.0, 1.0]; 10]));
 
     let compensated = Layout { low_pass: LowPass::Compensated, ..Layout::radiance(0) };
     for layout in [Layout::radiance(3), Layout::shaded(Some(3)), compensated, Layout::shaded(None).antialiased()] {
@@ -104,15 +102,6 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     let physical = Layout::shaded(Some(1)).physical();
     let rules = shading(ShadingRules::PHYSICAL, Channels::Layers).rules;
     assert_same(gpu, &ColorsOf(GaussianShading { layout: physical, rules }), &gaussian_rows(physical));
-    assert_same(gpu, &PhysicalColorOfPixel, &uniform_rows(16, &[[0.0, 1.0]; 15]));
-    for blended in [Channels::Lit, Channels::Surface, Channels::Layers] {
-        let cameras = numbers_of(&camera(70, 45)).repeat(ROWS);
-        let mut bounds = vec![[0.1, 0.9]; blended.count() + 1];
-        bounds.extend([[0.0, 70.0], [0.0, 45.0]]);
-        let rows = side_by_side(&uniform_rows(9, &bounds), &cameras);
-        assert_same(gpu, &SurfaceOfPixel { blended }, &rows);
-        assert_same(gpu, &FacingOfPixel(SurfaceOfPixel { blended }), &rows);
-    }
 }
 
 #[test]
@@ -124,9 +113,8 @@ fn no_formula_is_left_out() {
         include_str!("../../../exec-gpu/src/stages/sampling/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/shade/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/blend/formulas.rs"),
-        include_str!("../../../exec-gpu/src/stages/shade_pixels/formulas.rs"),
     ];
-    assert_every_formula_has_a_case(&formulas, include_str!("stages.rs"), 18);
+    assert_every_formula_has_a_case(&formulas, include_str!("stages.rs"), 14);
 }
 
 /// A scene for both executors.

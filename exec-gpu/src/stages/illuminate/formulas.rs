@@ -4,16 +4,17 @@ use crate::{
     codegen::formula::{call, formula, variable},
     stages::{
         camera::{camera_fields, take_camera},
-        shade_pixels::formulas::{SurfaceOfPixel, physical_fields, take_physical},
+        shade_pixels::pixel::{BlendedNumbers, blended_field},
     },
 };
 use specula_core::{
     lamps::{
-        self, DirectLight, LampOf, LitPixel, ShadowRay, Shift, Toward, diffuse_albedo, direct_light, disc_axes,
-        lit_pixel, seen_share, shadow_ray, shift, toward,
+        DirectLight, LampOf, LitPixel, ShadowRay, Shift, Toward, direct_light, disc_axes, lit_pixel, seen_share,
+        shadow_ray, shift, toward,
     },
-    physical::{PixelFacing, reflected},
-    rules::channel,
+    physical::PixelFacing,
+    pixel_light::BlendedPixel,
+    rules::{Channels, channel},
     vector::Vec3,
 };
 
@@ -25,19 +26,18 @@ pub(crate) const DIRECT_LEN: usize = DirectLight::<f32>::LEN;
 /// Surface of a pixel for the light of lamps ([`specula_core::lamps::lit_pixel`]), from its blended
 /// channels. `is_lit` is 1 where the pixel shows a surface at a finite place, else 0.
 #[derive(Clone, Copy, Debug)]
-pub struct LitPixelOf(pub SurfaceOfPixel);
+pub struct LitPixelOf(pub Channels);
 
 formula!(LitPixelOf, |this, inputs| lit_pixel_of(
-    ..[call("blended", this.0.blended.count() + 1)], coordinates: 2, ..camera_fields(),
+    ..blended_field(this.0), coordinates: 2, ..camera_fields(),
     ..[variable("near_field.offset", 1)]
 ) -> (
     point: 3, start: 3, view_dir: 3, normal: 3, n_dot_v: 1, f0: 3, alpha_ggx: 1, is_lit: 1
 ) {
-    let numbers = inputs.slice(this.0.blended.count() + 1);
+    let blended = BlendedNumbers::take(this.0, inputs);
     let [x, y] = inputs.array();
     let (camera, offset) = (take_camera(inputs), inputs.number());
-    let (pixel, view_dir) = (this.0.pixel(numbers), camera.view_dir(x, y));
-    let depth = this.0.blended.index_of(channel::DEPTH).map_or(offset.zero(), |index| numbers[index]);
+    let (pixel, depth, view_dir) = (blended.pixel(), blended.channel(channel::DEPTH), camera.view_dir(x, y));
     let lit = lit_pixel(&camera, &pixel, depth, view_dir, offset);
     let is_lit = offset.zero().less(pixel.coverage) & lit.start.is_finite();
     let numbers = [lit.alpha_ggx, offset.constant(1.0).keep(is_lit)];
@@ -115,22 +115,4 @@ formula!(DirectLightOf, |_, inputs| direct_light_of(
     let pixel = LitPixel { point: nowhere, start: nowhere, view_dir, facing, f0, alpha_ggx };
     let light = direct_light(&pixel, &Toward { direction, irradiance, sine, reach: sine }, share);
     (light.irradiance, light.specular)
-});
-
-/// Colour of a pixel of a physical material under its light and that of lamps, and the specular
-/// part of the former ([`specula_core::lamps::pixel_color`]). `albedo` and `metalness` are
-/// premultiplied.
-#[derive(Clone, Copy, Debug)]
-pub struct IlluminatedColorOfPixel;
-
-formula!(IlluminatedColorOfPixel, |_, inputs| illuminated_color_of_pixel(
-    ..physical_fields(), albedo: 3, metalness: 1, ..[call("direct_number", DIRECT_LEN)]
-) -> (
-    color: 3, specular: 3
-) {
-    let (surface, light, coverage) = take_physical(inputs);
-    let albedo = diffuse_albedo(inputs.vec3(), inputs.number(), coverage);
-    let direct = DirectLight::from_array(inputs.array());
-    let [_, specular] = reflected(&surface, &light);
-    (lamps::pixel_color(&surface, &light, albedo, &direct, coverage), specular * coverage)
 });

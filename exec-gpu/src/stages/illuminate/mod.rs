@@ -14,7 +14,6 @@ use crate::{
     stages::{
         camera::{CameraUniform, camera},
         frame::Frame,
-        shade_pixels::formulas::SurfaceOfPixel,
         trace::{NearFieldUniform, traversal},
     },
 };
@@ -36,14 +35,14 @@ pub mod formulas;
 /// Numbers of a vector, in which the numbers of lamps are read.
 const VECTOR: usize = 4;
 
-pub(crate) fn source(surface: &SurfaceOfPixel) -> String {
+pub(crate) fn source(blended: Channels) -> String {
     Source::new()
         .real()
         .part(camera)
         .count("LAMP_VECTORS", LAMP_LEN / VECTOR)
         .number("BELOW", BELOW)
         .part(traversal)
-        .formula(&LitPixelOf(*surface))
+        .formula(&LitPixelOf(blended))
         .formula(&TowardLamp)
         .formula(&AxesOfDisc)
         .formula(&ShiftOfPixel)
@@ -124,8 +123,8 @@ pub(crate) fn illuminate(
     lamps: Option<&Lamps>,
     camera: &Camera,
 ) -> Result<Frame, GpuError> {
-    let surface = SurfaceOfPixel { blended: Channels::of_count(frame.channels) };
-    let has_layers = surface.blended == Channels::Layers;
+    let blended = Channels::of_count(frame.channels);
+    let has_layers = blended == Channels::Layers;
     let Some(lamps) = lamps.filter(|_| has_layers) else { return Ok(frame) };
     let nothing = context.allocate("no near field", VECTOR)?;
     let (near_field, numbers) = match lamps.occluder.as_deref() {
@@ -144,7 +143,7 @@ pub(crate) fn illuminate(
         Buffer(&direct),
         Buffer(&lamps.reflected),
     ];
-    let (key, source) = (format!("{surface:?}"), || source(&surface));
+    let (key, source) = (format!("{blended:?}"), || source(blended));
     context.dispatch(&key, "illuminate", &source, &bindings, Dispatch::Invocations(frame.pixel_count()))?;
     frame.direct = Some(direct);
     Ok(frame)

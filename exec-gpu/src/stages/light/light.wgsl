@@ -33,3 +33,8 @@ fn radiance(direction: vec3f, roughness: f32) -> vec3f {
     let blurred = radiance_in_level(direction, between.level + 1u);
     return mix(sharp, blurred, between.share);
 }
+
+// Irradiance / pi along a normal, from the last map.
+fn irradiance(normal: vec3f) -> vec3f {
+    return radiance_in_level(normal, IRRADIANCE_LEVEL);
+}

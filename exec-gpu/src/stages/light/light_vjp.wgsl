@@ -63,7 +63,17 @@ fn radiance_vjp(direction: vec3f, roughness: f32, grad: vec3f) -> vec4f {
     return look_up_vjp(look_up(direction, roughness), direction, roughness, grad);
 }
 
-// Gradient of the irradiance, the last map, with respect to the direction.
-fn irradiance_vjp(direction: vec3f, grad: vec3f) -> vec3f {
-    return direction_vjp(direction, level_sample_vjp(sample_level(direction, IRRADIANCE_LEVEL), grad));
+// Irradiance / pi along a normal, with the inputs of its gradient.
+fn look_up_irradiance(normal: vec3f) -> LevelSample {
+    return sample_level(normal, IRRADIANCE_LEVEL);
+}
+
+// Gradient with respect to the normal.
+fn look_up_irradiance_vjp(lookup: LevelSample, normal: vec3f, grad: vec3f) -> vec3f {
+    return direction_vjp(normal, level_sample_vjp(lookup, grad));
+}
+
+// Gradient of `irradiance` with respect to the normal.
+fn irradiance_vjp(normal: vec3f, grad: vec3f) -> vec3f {
+    return look_up_irradiance_vjp(look_up_irradiance(normal), normal, grad);
 }

@@ -6,7 +6,7 @@ use crate::{
 };
 use formulas::{DirectionVjp, LevelOf, RoughnessVjp, SplitSumVjp, TexelShares, TexelsAt, TexelsMean, TexelsVjp};
 use specula_core::{
-    cubemap::padded_len,
+    light_view::TexelMap,
     pack::{Storage, pack2, unpack2},
     split_sum::RESOLUTION,
 };
@@ -39,9 +39,9 @@ pub struct LightGrad {
 pub(crate) struct LightLayout {
     /// Roughness of each level.
     pub(crate) levels: LevelOf,
-    /// First texel and resolution of each level, and of the irradiance map behind them. Without
-    /// one, the last level holds the irradiance.
-    pub(crate) maps: Vec<(usize, usize)>,
+    /// Map of each level, and of the irradiance behind them. Without one, the last level holds the
+    /// irradiance.
+    pub(crate) maps: Vec<TexelMap>,
     /// Storage format of the texels.
     pub(crate) storage: Storage,
 }
@@ -49,14 +49,7 @@ pub(crate) struct LightLayout {
 impl LightLayout {
     /// Levels of an operator in a storage format.
     pub(crate) fn of(operator: &Operator, storage: Storage) -> Self {
-        let levels = operator.levels().to_vec();
-        let offsets = operator.offsets();
-        let maps = offsets[..offsets.len() - 1].iter().enumerate();
-        Self {
-            maps: maps.map(|(level, first)| (*first, operator.resolution(level))).collect(),
-            levels: LevelOf { levels },
-            storage,
-        }
+        Self { levels: LevelOf { levels: operator.levels().to_vec() }, maps: operator.maps().to_vec(), storage }
     }
 
     /// Appends the lookup of the light.
@@ -74,8 +67,8 @@ impl LightLayout {
             .part(|source| texels(source, self.storage))
             .formula(&self.levels)
             .formula(&TexelsAt)
-            .with(&table("level_start", &mut self.maps.iter().map(|map| map.0)))
-            .with(&table("level_resolution", &mut self.maps.iter().map(|map| map.1)))
+            .with(&table("level_start", &mut self.maps.iter().map(|map| map.first)))
+            .with(&table("level_resolution", &mut self.maps.iter().map(|map| map.resolution)))
             .with(include_str!("light.wgsl"))
     }
 
@@ -94,7 +87,7 @@ impl LightLayout {
 
     /// Texels of all levels and of the irradiance map.
     pub(crate) fn texel_count(&self) -> usize {
-        self.maps.last().map_or(0, |(first, resolution)| first + padded_len(*resolution))
+        self.maps.last().map_or(0, |map| map.end())
     }
 }
 

@@ -12,7 +12,7 @@ struct GaussianLight {
 fn gaussian_light(surface: SurfaceOf) -> GaussianLight {
     let specular = radiance(surface.reflection_dir, surface.roughness);
     if IS_OFFICIAL {
-        let ambient = radiance_in_level(surface.normal, IRRADIANCE_LEVEL);
+        let ambient = irradiance(surface.normal);
         return GaussianLight(specular, ambient, split_sum(surface.n_dot_v, surface.roughness));
     }
     return GaussianLight(specular, vec3f(0.0), vec2f(0.0));

@@ -21,64 +21,15 @@ fn blended(channel: u32) -> f32 {
     return frame[channel * camera.size.x * camera.size.y + pixel];
 }
 
-// Gradient of the colour of a pixel.
-struct LitPixelGrad {
-    base: vec3f,
-    tint: vec3f,
-    light: vec3f,
-    coverage: f32,
-    // Gradient of the blended normal, without the part through the reflected direction.
-    normal: vec3f,
-    // Gradient of the roughness, without the part through the lookup of the reflected light.
-    roughness: f32,
-}
-
-fn store_grad(channel: u32, grad: vec3f) {
-    let size = camera.size.x * camera.size.y;
-    let first = channel * size + pixel;
-    grads[first] = grad.x;
-    grads[first + size] = grad.y;
-    grads[first + 2u * size] = grad.z;
-}
-
-fn grad_of(channel: u32) -> vec3f {
-    let size = camera.size.x * camera.size.y;
-    let first = channel * size + pixel;
-    return vec3f(grads[first], grads[first + size], grads[first + 2u * size]);
-}
-
 @compute @workgroup_size(GROUP)
 fn shade_pixels_vjp(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let size = camera.size.x * camera.size.y;
     pixel = linear_index(group, groups, local);
-    if pixel >= size {
-        return;
-    }
     // Pixels without any splat have no gradient.
-    if !(blended(TRANSMITTANCE) < 1.0) {
-        return;
+    if pixel < camera.size.x * camera.size.y && blended(TRANSMITTANCE) < 1.0 {
+        shade_pixel_vjp(vec2f(vec2u(pixel % camera.size.x, pixel / camera.size.x)) + 0.5);
     }
-    let point = vec2f(vec2u(pixel % camera.size.x, pixel / camera.size.x)) + 0.5;
-    let surface = surface_of_pixel(point);
-    let lookup = look_up(surface.reflection_dir, surface.roughness);
-    let grad = grad_of(COLOR_CHANNEL);
-    let of_color = lit_pixel_vjp(surface, point, lookup.radiance, grad);
-    let of_light = look_up_vjp(lookup, surface.reflection_dir, surface.roughness, of_color.light);
-    let of_roughness = of_light.w + of_color.roughness;
-    let of_surface = surface_of_pixel_vjp(point, of_color.base, of_color.tint, of_roughness, of_light.xyz);
-    store_grad(COLOR_CHANNEL, of_surface.base);
-    if HAS_NORMAL {
-        store_grad(NORMAL_CHANNEL, grad_of(NORMAL_CHANNEL) + of_surface.normal + of_color.normal);
-    }
-    if HAS_TINT {
-        store_grad(TINT_CHANNEL, grad_of(TINT_CHANNEL) + of_surface.tint);
-    }
-    if HAS_ROUGHNESS {
-        grads[ROUGHNESS_CHANNEL * size + pixel] += of_surface.roughness;
-    }
-    grads[TRANSMITTANCE * size + pixel] -= of_surface.coverage + of_color.coverage;
 }

@@ -1,10 +1,10 @@
 //! Reflected rays, the triangles that they hit, and their light.
 
 use crate::{
-    codegen::formula::{Field, Inputs, call, formula, variable},
+    codegen::formula::{call, formula, variable},
     stages::{
         camera::{camera_fields, take_camera},
-        shade_pixels::formulas::SurfaceOfPixel,
+        shade_pixels::pixel::{BlendedNumbers, blended_field},
     },
 };
 use specula_core::{
@@ -12,8 +12,8 @@ use specula_core::{
         Crossing, Reflection, VERTEX_LEN, box_span, crossing, inverse_direction, is_traced, ray_origin, surface_within,
         vertex_surface,
     },
-    real::Real,
-    rules::channel,
+    pixel_light::BlendedPixel,
+    rules::{Channels, channel},
     shade_pixels::pixel_surface,
 };
 
@@ -24,19 +24,18 @@ pub(crate) const REFLECTION_LEN: usize = Reflection::<f32>::LEN;
 /// and the roughness of its surface. `is_traced` is 1 where the ray is traced
 /// ([`specula_core::near_field::is_traced`]) and is finite, else 0.
 #[derive(Clone, Copy, Debug)]
-pub struct RayOfPixel(pub SurfaceOfPixel);
+pub struct RayOfPixel(pub Channels);
 
 formula!(RayOfPixel, |this, inputs| ray_of_pixel(
-    ..[call("blended", this.0.blended.count() + 1)], point: 2, ..camera_fields(), ..[variable("near_field.offset", 1)]
+    ..blended_field(this.0), point: 2, ..camera_fields(), ..[variable("near_field.offset", 1)]
 ) -> (
     origin: 3, direction: 3, roughness: 1, is_traced: 1
 ) {
-    let numbers = inputs.slice(this.0.blended.count() + 1);
+    let blended = BlendedNumbers::take(this.0, inputs);
     let [x, y] = inputs.array();
     let (camera, offset) = (take_camera(inputs), inputs.number());
-    let (pixel, view_dir) = (this.0.pixel(numbers), camera.view_dir(x, y));
+    let (pixel, depth, view_dir) = (blended.pixel(), blended.channel(channel::DEPTH), camera.view_dir(x, y));
     let surface = pixel_surface(&pixel, view_dir);
-    let depth = this.0.blended.index_of(channel::DEPTH).map_or(offset.zero(), |index| numbers[index]);
     let origin = ray_origin(&camera, &pixel, depth, view_dir, offset);
     let direction = surface.reflection_dir;
     let is_traced = is_traced(pixel.coverage, surface.roughness) & origin.is_finite() & direction.is_finite();
@@ -96,65 +95,3 @@ formula!(NearReflection, |_, inputs| near_reflection(
     let corners = [inputs.array(), inputs.array(), inputs.array()].map(vertex_surface);
     Reflection::of_near(direction, roughness, &surface_within(&corners, weights)).to_array()
 });
-
-/// Lookup of the far light of the surface that a ray hits.
-#[derive(Clone, Copy, Debug)]
-pub struct LookupOfReflection;
-
-formula!(LookupOfReflection, |_, inputs| lookup_of_reflection(..reflection_fields()) -> (
-    direction: 3, roughness: 1
-) {
-    let reflection = take_reflection(inputs);
-    (reflection.direction, [reflection.roughness])
-});
-
-/// Light of a reflection, from the far light of the pixel and that of the surface that its ray hits
-/// ([`Reflection::light`]).
-#[derive(Clone, Copy, Debug)]
-pub struct LightOfReflection;
-
-formula!(LightOfReflection, |_, inputs| light_of_reflection(..reflection_fields(), own: 3, of_near: 3) -> (
-    light: 3
-) {
-    let reflection = take_reflection(inputs);
-    reflection.light(inputs.vec3(), inputs.vec3())
-});
-
-/// Light of a reflection from the surface that its ray hits ([`Reflection::indirect`]).
-#[derive(Clone, Copy, Debug)]
-pub struct IndirectOfReflection;
-
-formula!(IndirectOfReflection, |_, inputs| indirect_of_reflection(..reflection_fields(), of_near: 3) -> (light: 3) {
-    let reflection = take_reflection(inputs);
-    reflection.indirect(inputs.vec3())
-});
-
-/// Share of a pixel's own far light in its reflection.
-#[derive(Clone, Copy, Debug)]
-pub struct VisibilityOfReflection;
-
-formula!(VisibilityOfReflection, |_, inputs| visibility_of_reflection(..reflection_fields()) -> (far: 1) {
-    [take_reflection(inputs).far]
-});
-
-/// Gradient of [`LightOfReflection`] with respect to both lights ([`Reflection::light_vjp`]).
-#[derive(Clone, Copy, Debug)]
-pub struct LightOfReflectionVjp;
-
-formula!(LightOfReflectionVjp, |_, inputs| light_of_reflection_vjp(..reflection_fields(), grad: 3) -> (
-    own: 3, of_near: 3
-) {
-    let reflection = take_reflection(inputs);
-    let [own, of_near] = reflection.light_vjp(inputs.vec3());
-    (own, of_near)
-});
-
-/// Stored reflection of a pixel, in the order of [`take_reflection`].
-fn reflection_fields() -> [Field; 1] {
-    [call("reflection_number", REFLECTION_LEN)]
-}
-
-/// Reads a reflection from a formula's inputs.
-fn take_reflection<R: Real>(inputs: &mut Inputs<'_, R>) -> Reflection<R> {
-    Reflection::from_array(inputs.array())
-}

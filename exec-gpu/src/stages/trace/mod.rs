@@ -14,14 +14,10 @@ use crate::{
     stages::{
         camera::{CameraUniform, camera},
         frame::Frame,
-        shade_pixels::formulas::SurfaceOfPixel,
     },
 };
 use bytemuck::{Pod, Zeroable};
-use formulas::{
-    BoxSpan, CrossingOf, FarReflection, IndirectOfReflection, InverseDirection, LightOfReflection, LookupOfReflection,
-    NearReflection, REFLECTION_LEN, RayOfPixel, VisibilityOfReflection,
-};
+use formulas::{BoxSpan, CrossingOf, FarReflection, InverseDirection, NearReflection, REFLECTION_LEN, RayOfPixel};
 use specula_core::{
     camera::Camera,
     near_field::{BACK_DEPTH, CULL_BACKFACES, NODE_LEN, NearField, T_MISS, TRIANGLE_LEN, VERTEX_LEN},
@@ -35,13 +31,13 @@ pub mod formulas;
 const VECTOR: usize = 4;
 const _: () = assert!(NODE_LEN == 2 * VECTOR, "a kernel reads a node as two vectors");
 
-pub(crate) fn source(surface: &SurfaceOfPixel) -> String {
+pub(crate) fn source(blended: Channels) -> String {
     Source::new()
         .real()
         .part(camera)
         .number("T_MISS", T_MISS)
         .part(traversal)
-        .formula(&RayOfPixel(*surface))
+        .formula(&RayOfPixel(blended))
         .formula(&FarReflection)
         .formula(&NearReflection)
         .with(include_str!("trace.wgsl"))
@@ -60,17 +56,6 @@ pub(crate) fn traversal(source: Source) -> Source {
         .formula(&BoxSpan)
         .formula(&CrossingOf)
         .with(include_str!("near_field.wgsl"))
-}
-
-/// Appends the lookup of far light of a pixel's reflection, and its light, for kernels that bind
-/// `reflections`.
-pub(crate) fn reflection(source: Source) -> Source {
-    source
-        .with(include_str!("reflection.wgsl"))
-        .formula(&LookupOfReflection)
-        .formula(&LightOfReflection)
-        .formula(&IndirectOfReflection)
-        .formula(&VisibilityOfReflection)
 }
 
 /// `NearField` of `near_field.wgsl`; without nodes rays hit nothing.
@@ -120,8 +105,8 @@ pub(crate) fn trace(
     near_field: Option<&NearField<Array>>,
     camera: &Camera,
 ) -> Result<Frame, GpuError> {
-    let surface = SurfaceOfPixel { blended: Channels::of_count(frame.channels) };
-    let has_depth = surface.blended.index_of(channel::DEPTH).is_some();
+    let blended = Channels::of_count(frame.channels);
+    let has_depth = blended.contain(channel::DEPTH);
     let Some(near_field) = near_field.filter(|_| has_depth) else { return Ok(frame) };
     let (view, numbers) = (CameraUniform::new(camera, 0), NearFieldUniform::new(near_field));
     let reflections = context.allocate("reflections", REFLECTION_LEN * frame.pixel_count())?;
@@ -132,7 +117,7 @@ pub(crate) fn trace(
         Buffer(&near_field.values),
         Buffer(&reflections),
     ];
-    let (key, source) = (format!("{surface:?}"), || source(&surface));
+    let (key, source) = (format!("{blended:?}"), || source(blended));
     context.dispatch(&key, "trace", &source, &bindings, Dispatch::Invocations(frame.pixel_count()))?;
     frame.reflections = Some(reflections);
     Ok(frame)
