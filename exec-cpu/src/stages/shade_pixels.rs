@@ -19,7 +19,7 @@ use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
-    pixel_light::{LightLookupGrads, LightLookups, PixelRays, PixelShading},
+    pixel_light::{LightLookupGrads, LightLookups, PixelRays, PixelShading, ShadedPixel},
     rules::{Channels, RenderRules, channel},
     vector::Vec3,
 };
@@ -198,26 +198,38 @@ fn shade_tile<S: Simd>(
     tile: &mut [Quad],
     shaded: &mut [Quad],
 ) {
-    let channels = shading.channels.count();
-    for quad in 0..QUADS {
-        let out = &mut shaded[quad * RGB..(quad + 1) * RGB];
-        let pixel = match lighting {
-            Some(lighting) => {
-                let Some(SurfaceQuad { blended, view_dir }) = SurfaceQuad::new(simd, tile, quad, origin, camera) else {
-                    out.as_flattened_mut().fill(0.0);
-                    continue;
-                };
-                let light = QuadLight { simd, light: lighting.light };
-                shading.shaded(&blended, view_dir, &lighting.rays(simd, quad), &light)
-            }
-            // Pixels without light need no directions.
-            None => shading.unlit(&BlendedQuad::new(simd, &*tile, quad)),
-        };
-        store(pixel.color, out);
-        if shading.channels == Channels::Layers {
-            store(pixel.light, &mut tile[at(channels, quad, channel::LIGHT)..]);
-            store(pixel.specular, &mut tile[at(channels, quad, channel::SPECULAR)..]);
+    let Some(lighting) = lighting else {
+        // Pixels without light need no directions.
+        for quad in 0..QUADS {
+            let pixel = shading.unlit(&BlendedQuad::new(simd, &*tile, quad));
+            store_pixel(&pixel, shading, quad, tile, shaded);
         }
+        return;
+    };
+    let light = QuadLight { simd, light: lighting.light };
+    for quad in 0..QUADS {
+        let Some(SurfaceQuad { blended, view_dir }) = SurfaceQuad::new(simd, tile, quad, origin, camera) else {
+            shaded[quad * RGB..(quad + 1) * RGB].as_flattened_mut().fill(0.0);
+            continue;
+        };
+        let pixel = shading.shaded(&blended, view_dir, &lighting.rays(simd, quad), &light);
+        store_pixel(&pixel, shading, quad, tile, shaded);
+    }
+}
+
+#[inline(always)]
+fn store_pixel<S: Simd>(
+    pixel: &ShadedPixel<Lanes<S>>,
+    shading: &PixelShading,
+    quad: usize,
+    tile: &mut [Quad],
+    shaded: &mut [Quad],
+) {
+    store(pixel.color, &mut shaded[quad * RGB..(quad + 1) * RGB]);
+    if shading.channels == Channels::Layers {
+        let channels = shading.channels.count();
+        store(pixel.light, &mut tile[at(channels, quad, channel::LIGHT)..]);
+        store(pixel.specular, &mut tile[at(channels, quad, channel::SPECULAR)..]);
     }
 }
 

@@ -6,6 +6,8 @@
 //!
 //! A composition that looks values up in between calls functions of the shader ([`TracedValue`]).
 //!
+//! A composition that looks values up in between calls functions of the shader ([`TracedValue`]).
+//!
 //! A variant, such as the shading function of a profile or a smaller number of harmonics, is the
 //! same formula traced under other rules. Tests evaluate every formula on the device and compare it
 //! with the `f32` and `f64` of the host.
