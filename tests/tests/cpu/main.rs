@@ -20,7 +20,6 @@ mod perspective;
 mod physical;
 mod pipeline_gradients;
 mod pixel_light;
-mod pixel_light;
 mod plan;
 mod poison;
 mod prefilter;
