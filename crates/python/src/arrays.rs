@@ -51,8 +51,8 @@ impl<'py> Floats<'py> {
         self.array.shape()
     }
 
-    /// The same, if it has the shape that is written as text, such as `[N, 3]`; letters stand for any
-    /// length.
+    /// The same, if it has the shape that is written as text, such as `[N, 3]`; letters stand for
+    /// any length.
     pub(crate) fn shaped(self, name: &str, text: &str) -> Result<Self> {
         let wanted: Vec<&str> = text.trim_matches(['[', ']']).split(',').map(str::trim).collect();
         let fits = |(length, wanted): (&usize, &&str)| {

@@ -75,7 +75,7 @@ impl Mode {
     }
 }
 
-/// What the gradient of a rasterisation needs.
+/// Tape of a rasterisation, for its gradient.
 #[pyclass(frozen, module = "specula_gs._core")]
 #[derive(Debug)]
 pub(crate) struct Tape {

@@ -40,8 +40,8 @@ pub(crate) fn try_compute<T: Send>(py: Python<'_>, work: impl FnOnce() -> Result
     compute(py, work)?
 }
 
-/// Computes with a state that other calls share. Its lock is taken before the threads begin, since a
-/// thread that waits inside of one call may compute for another meanwhile.
+/// Computes with a state that other calls share. Its lock is taken before the threads begin, since
+/// a thread that waits inside one call may compute for another meanwhile.
 pub(crate) fn try_compute_with<S: Send, T: Send>(
     py: Python<'_>,
     state: &Mutex<S>,

@@ -42,7 +42,7 @@ const PICTURE_MEMORY: u64 = 1 << 32;
 /// Time between two looks for Ctrl-C.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// What a training is asked for.
+/// Request for a training.
 struct Wish {
     dataset: PathBuf,
     folder: PathBuf,
@@ -114,7 +114,7 @@ pub(crate) fn train(
         let (sender, receiver) = sync_channel(0);
         let follower = Follower { sender, every: callback_every, is_interrupted: &is_interrupted };
         thread::scope(|scope| {
-            // Python delivers signals to the thread that it called from, which therefore only waits.
+            // Python delivers signals to the calling thread, which therefore only waits.
             let worker = scope.spawn(|| pool.install(|| run(&wish, follower)));
             let mut raised = None;
             loop {

@@ -2,14 +2,12 @@
 
 use specula_core::{
     camera::Camera,
-    lamps::Lamp,
-    near_field::NearField,
     pack::Storage,
     rules::RenderRules,
-    scene::{Environment, Gaussians, Image},
+    scene::{Environment, Image},
 };
 use specula_gpu::{GpuError, GpuExecutor};
-use specula_scene::{RenderBackend, SceneError, UploadedScene, lamps::SceneLamps};
+use specula_scene::{RenderBackend, Scene, SceneError, UploadedScene, lamps::SceneLamps};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Scene on the device.

@@ -7,7 +7,7 @@ use specula_core::{
     dual::Dual,
     executor::{Executor, ReadBack, Renderer, TrainingStep},
     loss::LossWeights,
-    pipeline::{Gradients, Tape, render, render_and_camera_vjp, render_taped, render_vjp, view_gradient},
+    pipeline::{self, Gradients, Tape, render, render_taped, view_gradient},
     prefilter::{LevelRange, PrefilterScheme},
     project::project,
     random,
@@ -61,7 +61,7 @@ impl Scene {
 
     fn gradients(&mut self) -> Gradients<CpuExecutor> {
         let cotangent = self.exec.upload_frame_grad(&self.tape.frame, &self.cotangent).expect("the planes fit");
-        render_vjp(&mut self.exec, &self.tape, &self.gaussians, Some(&self.environment), cotangent)
+        pipeline::render_vjp(&mut self.exec, &self.tape, &self.gaussians, Some(&self.environment), cotangent)
             .expect("the CPU derives")
     }
 
@@ -119,7 +119,7 @@ impl Scene {
         let cotangent = self.exec.upload_frame_grad(&self.tape.frame, &self.cotangent).expect("the planes fit");
         let environment = Some(&self.environment);
         let (gradients, found) =
-            render_and_camera_vjp(&mut self.exec, &self.tape, &self.gaussians, environment, cotangent)
+            pipeline::render_and_camera_vjp(&mut self.exec, &self.tape, &self.gaussians, environment, cotangent)
                 .expect("the CPU derives");
         assert_eq!(gradients.gaussians, self.gradients().gaussians, "the camera changes no bit of the others");
         let found: Vec<f64> = found.rows().into_iter().flat_map(|row| row.to_array().map(|x| x.0)).collect();
@@ -264,7 +264,8 @@ fn the_gradient_of_a_loss_is_that_of_a_view() {
         let (expected, _) =
             view_gradient(&mut exec, &gaussians, Some(&environment), None, &step).expect("the CPU derives");
         let cotangent = exec.loss(&tape.frame, &target, &camera, &weights, background).expect("the sizes agree");
-        let found = render_vjp(&mut exec, &tape, &gaussians, Some(&environment), cotangent).expect("the CPU derives");
+        let found =
+            pipeline::render_vjp(&mut exec, &tape, &gaussians, Some(&environment), cotangent).expect("the CPU derives");
         assert!(found.gaussians == expected.gaussians, "the same bits of the Gaussians");
         assert!(found.environment == expected.light && found.environment.is_some(), "and of the light");
     }
@@ -274,8 +275,13 @@ fn the_gradient_of_a_loss_is_that_of_a_view() {
 fn cameras_of_light_added_pixel_by_pixel_are_refused_by_name() {
     let mut scene = Scene::new(ShadingRules::DEFERRED, Layout::shaded(None), 8);
     let cotangent = scene.exec.upload_frame_grad(&scene.tape.frame, &scene.cotangent).expect("the planes fit");
-    let refused =
-        render_and_camera_vjp(&mut scene.exec, &scene.tape, &scene.gaussians, Some(&scene.environment), cotangent);
+    let refused = pipeline::render_and_camera_vjp(
+        &mut scene.exec,
+        &scene.tape,
+        &scene.gaussians,
+        Some(&scene.environment),
+        cotangent,
+    );
     let error = refused.err().expect("pixels look light up along the camera's axes");
     assert!(matches!(error, CpuError::Unsupported(_)), "{error}");
 }
