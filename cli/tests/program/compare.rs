@@ -293,7 +293,7 @@ fn unequal_trainings_say_so_and_none_is_bold() {
     let measures = json!({"PSNR": 31.0});
     let other = runs.add(&Said { name: "other", profile: "3dgs", iterations: 2000, data: "/old", measures, ..SAID });
     let (table, _) = compared(&[one, other], &[]);
-    assert!(table.contains("trained on /data/chair, and ") && table.contains("on /old/chair"), "{table}");
+    assert!(table.contains("trained on /data/chair, but ") && table.contains("on /old/chair"), "{table}");
     assert!(!table.contains("**") && !table.contains("iterations"), "{table}");
 }
 

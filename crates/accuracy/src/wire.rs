@@ -155,7 +155,7 @@ mod tests {
     fn fields_are_counted_at_any_depth() {
         let empty_fields = [0x42, 0x00].repeat(FIELDS_MAX);
         assert_eq!(check(&empty_fields), Ok(()));
-        assert!(check(&[&empty_fields[..], &[0x42, 0x00]].concat()).unwrap_err().contains("parts"));
+        assert!(check(&[&empty_fields[..], &[0x42, 0x00]].concat()).unwrap_err().contains("fields"));
         // A graph nested in an attribute of a node, repeatedly.
         let mut bytes = Vec::new();
         for field in [0x32, 0x2a, 0x0a].iter().cycle().take(3 * DEPTH_MAX) {

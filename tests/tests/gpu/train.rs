@@ -155,7 +155,7 @@ fn quality_on(exec: &mut CpuExecutor, scene: &HostScene, settings: &Settings, vi
 #[test]
 fn trainings_on_both_executors_end_as_good() {
     /// Fewer than other trainings take, since they are of three profiles.
-    const STEPS: u32 = 120;
+    const STEPS: u32 = 90;
     for (name, apart) in [("3dgs", SAME_QUALITY), ("paper", SAME_QUALITY), ("specula", SAME_QUALITY_OF_MIRRORS)] {
         let mut settings = settings_for(name, STEPS);
         settings.profile.densification.until = 0;

@@ -270,7 +270,7 @@ fn a_folder_without_cameras_is_refused() {
 fn zero_times_smaller_is_refused() {
     let options = LoadOptions { downscale: 0, ..LoadOptions::default() };
     let error = dataset::load(scene().path(), &options, |_, _| {}).unwrap_err();
-    assert_says(&error.to_string(), &["0 times smaller", "1, 2, 4 or 8"]);
+    assert_says(&error.to_string(), &["downscale the images", "by 0", "1, 2, 4 or 8"]);
 }
 
 #[test]
@@ -310,7 +310,7 @@ fn a_missing_image_is_noted_and_that_of_all_is_refused() {
 fn test_views_that_were_never_rendered_keep_no_training_from_starting() {
     let folder = scene();
     fs::remove_file(folder.path().join("test/r_0.jpg")).unwrap();
-    for (frames, expected) in [(vec![frame("./test/r_0")], "not even \"test/r_0\""), (vec![], "no frames")] {
+    for (frames, expected) in [(vec![frame("./test/r_0")], "such as \"test/r_0\""), (vec![], "no frames")] {
         write(&folder, "transforms_test.json", list(&frames).to_string());
         let data = load(folder.path()).unwrap();
         assert_eq!((data.train.len(), data.test.len()), (2, 0));

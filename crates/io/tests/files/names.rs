@@ -176,7 +176,7 @@ fn the_folder_of_images_may_be_named_with_every_list() {
         assert_says(&remark(&data), &["images_4"]);
     }
     let folder = data_set("transforms_train.json", &["images/a.png"], &["images_4/a.png"], json!({}));
-    assert_says(&try_load(&folder, &options()).unwrap_err().to_string(), &["none of the images", "\"images_4\" has"]);
+    assert_says(&try_load(&folder, &options()).unwrap_err().to_string(), &["none of the images", "which is in \"images_4\""]);
 }
 
 #[test]
@@ -381,7 +381,7 @@ fn entries_of_a_list_that_are_not_used_are_told() {
     let text =
         fs::read_to_string(&path).unwrap().replace("\"file_path\"", "\"depth_file_path\":\"d.png\",\"file_path\"");
     fs::write(&path, text).unwrap();
-    assert_says(&remark(&load(&folder)), &["not used: depth_file_path, latlong"]);
+    assert_says(&remark(&load(&folder)), &["unused entries", "depth_file_path, latlong"]);
     let rational = json!({ "camera_model": "full_opencv", "k1": 0.1, "k4": 0.1, "k5": 0.01, "k6": 0.01 });
     let data = load(&data_set("transforms.json", &["a.png"], &["a.png"], rational));
     assert_says(&remark(&data), &["distortion of 1 pictures"]);

@@ -348,7 +348,7 @@ fn pictures_are_turned_where_they_fit_their_camera_only_so() {
         assert!(right[0] > 170 && right[1] < 20, "{}: {right:?}", view.name);
         assert_eq!([view.image.width, view.image.height], [WIDTH, HEIGHT]);
     }
-    assert_says(&data.notes.join("\n"), &["turned 1 pictures"]);
+    assert_says(&data.notes.join("\n"), &["rotated 1 pictures"]);
 }
 
 #[test]
@@ -519,7 +519,7 @@ fn masks_turn_with_their_pictures_and_have_the_same_shape() {
     assert_eq!(upright.rgba.chunks_exact(4).filter(|pixel| *pixel == UNKNOWN).count(), 6 * HEIGHT as usize);
     assert!(masked(&image::imageops::rotate270(&mask)) == upright, "a mask as the picture is stored");
     image::GrayImage::new(WIDTH, WIDTH).save(&path).unwrap();
-    assert_says(&load(folder.path()).unwrap_err().to_string(), &["masks/b.png", "24 by 24", "24 by 16", "shape"]);
+    assert_says(&load(folder.path()).unwrap_err().to_string(), &["masks/b.png", "24 by 24", "24 by 16", "aspect ratios"]);
 }
 
 #[test]

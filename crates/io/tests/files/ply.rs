@@ -360,7 +360,7 @@ fn files_of_known_kinds_are_named() {
     let folder = tempfile::tempdir().unwrap();
     for (name, contents, words) in [
         ("a.ply", points.as_bytes(), ["point cloud", "--points"]),
-        ("a.ply", mesh.as_bytes(), ["mesh", "training"]),
+        ("a.ply", mesh.as_bytes(), ["mesh", "trained"]),
         ("a.ply", b"version https://git-lfs.github.com/spec/v1\n", ["Git LFS", "git lfs pull"]),
         ("a.ply", b"<!DOCTYPE html>", ["web page", "again"]),
         ("a.ply", b"\x1f\x8b\x08\0", ["archive", "unpack"]),
@@ -370,7 +370,7 @@ fn files_of_known_kinds_are_named() {
         ("a.sog", b"PK\x03\x04", [".sog", "SuperSplat"]),
         ("a.lcc", b"{}", [".lcc", "SuperSplat"]),
         ("a.usdz", b"PK\x03\x04", ["USD", "SuperSplat"]),
-        ("a.stl", b"solid", ["mesh", "training"]),
+        ("a.stl", b"solid", ["mesh", "trained"]),
         ("a", b"v 1 2 3\n", ["PLY", "ply"]),
         ("chkpnt30000.pth", b"PK\x03\x04", ["checkpoint", "point_cloud.ply"]),
         ("a.bin", b"\x89PNG\r\n", ["picture", "not a scene"]),

@@ -117,7 +117,10 @@ export class Lamps {
   }
 
   addSun() {
-    if (this.isDark && this.light.stops === 0) this.light.set({ stops: STOPS_UNDER_SUN });
+    if (this.isDark && this.light.stops === 0) {
+      this.dims = true;
+      this.light.set({ stops: STOPS_UNDER_SUN });
+    }
     const azimuth = Math.round(wrapped(this.heading + 180 - SUN_ASIDE - this.light.turn));
     this.append({ kind: "sun", azimuth, elevation: SUN_ELEVATION, ...SUN });
   }
@@ -147,6 +150,8 @@ export class Lamps {
   remove(item) {
     this.items = this.items.filter((other) => other !== item);
     this.selected = Math.min(this.selected, Math.max(this.items.length - 1, 0));
+    // Restores the exposure that the first sun lowered.
+    if (this.isDark && this.dims && this.light.stops === STOPS_UNDER_SUN) this.light.set({ stops: 0 });
     this.build();
     this.onchange(false);
   }
