@@ -176,7 +176,10 @@ fn the_folder_of_images_may_be_named_with_every_list() {
         assert_says(&remark(&data), &["images_4"]);
     }
     let folder = data_set("transforms_train.json", &["images/a.png"], &["images_4/a.png"], json!({}));
-    assert_says(&try_load(&folder, &options()).unwrap_err().to_string(), &["none of the images", "which is in \"images_4\""]);
+    assert_says(
+        &try_load(&folder, &options()).unwrap_err().to_string(),
+        &["none of the images", "which is in \"images_4\""],
+    );
 }
 
 #[test]

@@ -519,7 +519,10 @@ fn masks_turn_with_their_pictures_and_have_the_same_shape() {
     assert_eq!(upright.rgba.chunks_exact(4).filter(|pixel| *pixel == UNKNOWN).count(), 6 * HEIGHT as usize);
     assert!(masked(&image::imageops::rotate270(&mask)) == upright, "a mask as the picture is stored");
     image::GrayImage::new(WIDTH, WIDTH).save(&path).unwrap();
-    assert_says(&load(folder.path()).unwrap_err().to_string(), &["masks/b.png", "24 by 24", "24 by 16", "aspect ratios"]);
+    assert_says(
+        &load(folder.path()).unwrap_err().to_string(),
+        &["masks/b.png", "24 by 24", "24 by 16", "aspect ratios"],
+    );
 }
 
 #[test]
