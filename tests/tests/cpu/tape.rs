@@ -282,6 +282,6 @@ fn cameras_of_light_added_pixel_by_pixel_are_refused_by_name() {
         Some(&scene.environment),
         cotangent,
     );
-    let error = refused.err().expect("pixels look light up along the camera's axes");
+    let error = refused.expect_err("pixels look light up along the camera's axes");
     assert!(matches!(error, CpuError::Unsupported(_)), "{error}");
 }
