@@ -80,12 +80,12 @@ fn fit(
         let rgb: Vec<f32> = differences().map(|d| share * d / loss(d)).collect();
         let grad = rasterizer.backward(&context, &[Cotangents { rgb: &rgb, ..Cotangents::default() }])?;
 
-        let of_logits = grad.opacities.iter().zip(&opacities).map(|(grad, p)| grad * p * (1.0 - p));
-        let of_logs = grad.scales.as_flattened().iter().zip(scales.as_flattened()).map(|(grad, s)| grad * s);
+        let grad_logits = grad.opacities.iter().zip(&opacities).map(|(grad, p)| grad * p * (1.0 - p));
+        let grad_logs = grad.scales.as_flattened().iter().zip(scales.as_flattened()).map(|(grad, s)| grad * s);
         adam[0].step(number, means.as_flattened_mut(), grad.means.as_flattened().iter().copied());
         adam[1].step(number, quats.as_flattened_mut(), grad.quats.as_flattened().iter().copied());
-        adam[2].step(number, log_scales.as_flattened_mut(), of_logs);
-        adam[3].step(number, &mut logits, of_logits);
+        adam[2].step(number, log_scales.as_flattened_mut(), grad_logs);
+        adam[3].step(number, &mut logits, grad_logits);
         adam[4].step(number, colors.as_flattened_mut(), grad.colors.as_flattened().iter().copied());
     }
     unreachable!("the last step returns")

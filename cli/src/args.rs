@@ -80,8 +80,6 @@ impl Arguments {
 /// Command line in the words of the parser: hyphens in the names of options, and each `--set
 /// NAME=VALUE` as the option NAME.
 pub(crate) fn words_of(words: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
-    let command = Arguments::command();
-    let train = command.find_subcommand("train").expect("it is there");
     let mut words = with_hyphens(words).into_iter();
     let (mut parsed, mut are_options) = (Vec::new(), true);
     while let Some(word) = words.next() {
@@ -94,7 +92,7 @@ pub(crate) fn words_of(words: impl IntoIterator<Item = OsString>) -> Vec<OsStrin
         match given {
             None => parsed.push(word),
             Some(given) if given == "help" => parsed.push("--help".into()),
-            Some(given) => match given.to_str().and_then(|setting| option_of(train, setting)) {
+            Some(given) => match given.to_str().and_then(option_of) {
                 Some(option) => parsed.extend(option),
                 None => parsed.extend(["--set".into(), given]),
             },
@@ -104,9 +102,11 @@ pub(crate) fn words_of(words: impl IntoIterator<Item = OsString>) -> Vec<OsStrin
 }
 
 /// Option for a setting; none for a switch that is off. `None` for words that name no setting.
-fn option_of(train: &clap::Command, setting: &str) -> Option<Option<OsString>> {
+fn option_of(setting: &str) -> Option<Option<OsString>> {
     let (name, value) = setting.split_once('=')?;
     let name = name.replace('_', "-");
+    let command = Arguments::command();
+    let train = command.find_subcommand("train").expect("it is there");
     let arg = train.get_arguments().find(|arg| is_setting(arg) && arg.get_long() == Some(&name))?;
     match (arg.get_action().takes_values(), value) {
         (true, _) => Some(Some(format!("--{name}={value}").into())),

@@ -259,15 +259,16 @@ pub(crate) fn read_env(path: &Path, exposure: f32) -> Result<LatLong, Failure> {
 
 /// Map of a file, or else one that the program contains.
 pub(crate) fn light_input(path: &Path) -> Result<Input<'_>, Failure> {
+    if path.exists() || path.extension().is_some() {
+        return Ok(Input::file(path));
+    }
     let name = path.to_str().unwrap_or_default();
-    match included::light(name).filter(|_| !path.exists()) {
-        Some(bytes) => Ok(Input::memory(name, bytes)),
-        None if path.exists() || path.extension().is_some() => Ok(Input::file(path)),
-        None => Err(Failure::Input(format!(
+    included::light(name).map(|bytes| Input::memory(name, bytes)).ok_or_else(|| {
+        Failure::Input(format!(
             "there is no file {path:?}, and the program contains no light of this name; name a .hdr or .exr file, or {}",
             LIGHTS.join(", ")
-        ))),
-    }
+        ))
+    })
 }
 
 /// Requested layers that the scene has.

@@ -64,7 +64,7 @@
 //! * A mean in the near plane is not drawn.
 //! * Scales and opacities are computed from logarithms and logits in `f32`: about 1e-6, relative.
 //!
-//! What is not available is an error by name: low-passes other than 0.3 px² (and 0.1 px² with
+//! Unavailable options are errors by name: low-passes other than 0.3 px² (and 0.1 px² with
 //! antialiasing), skewed or distorted cameras, matrices that scale, gradients of view matrices on
 //! an executor without them. Colours have three channels. There are no absolute sums of the
 //! gradients of centres (`absgrad`), and no gradients of intrinsics.

@@ -208,11 +208,12 @@ impl Tape {
         let (colors, alphas) = (colors.as_ref().map(Floats::values), alphas.as_ref().map(Floats::values));
         let grads = try_compute_with(py, &self.state, |(rasterizer, context)| {
             let channels = size * self.mode.channels();
-            let of_view = |view: usize| colors.map(|all| &all[view * channels..(view + 1) * channels]);
-            let split: Vec<_> = (0..cameras).map(|view| of_view(view).and_then(|one| self.mode.split(one))).collect();
+            let view_grads = |view: usize| colors.map(|all| &all[view * channels..(view + 1) * channels]);
+            let split: Vec<_> =
+                (0..cameras).map(|view| view_grads(view).and_then(|one| self.mode.split(one))).collect();
             let cotangents: Vec<Cotangents<'_>> = (split.iter().enumerate())
                 .map(|(view, split)| {
-                    let whole = of_view(view).unwrap_or_default();
+                    let whole = view_grads(view).unwrap_or_default();
                     let (rgb, depth): (&[f32], &[f32]) = match (split, self.mode.has_color) {
                         (Some((rgb, depth)), _) => (rgb, depth),
                         (None, true) => (whole, &[]),

@@ -286,9 +286,9 @@ fn read(wish: &Wish) -> Result<Capture> {
 fn profile_of(Wish { profile, iterations, .. }: &Wish, data: &Capture) -> Result<Profile> {
     let named = profile::by_name(profile, *iterations)
         .ok_or_else(|| Failure::input(format!("{profile:?} is no profile; use {}", profile::NAMES.join(", "))))?;
-    let of_objects = data.holds_objects();
-    let named = if of_objects { named.for_objects() } else { named };
-    Ok(if of_objects && profile == "specula" { named.relightable() } else { named })
+    let holds_objects = data.holds_objects();
+    let named = if holds_objects { named.for_objects() } else { named };
+    Ok(if holds_objects && profile == "specula" { named.relightable() } else { named })
 }
 
 /// Reads the checkpoint of a training with the same settings on the same pictures.
@@ -300,7 +300,7 @@ fn read_checkpoint(folder: &Path, facts: &Facts) -> Result<Checkpoint> {
         true => Ok(saved),
         false => Err(Failure::input(format!(
             "the checkpoint in {folder:?} is of a training with other settings or on other pictures; ask for those, or \
-             start anew with overwrite=True"
+             start again with overwrite=True"
         ))),
     }
 }

@@ -296,6 +296,12 @@ impl Scene {
     }
 }
 
+/// Rules of pictures of a scene: with the stages that it needs, or with all.
+fn rules_of(scene: &Scene, channels: Channels, is_unplanned: bool) -> RenderRules {
+    let Plan { rules, full, .. } = scene.plan(channels);
+    if is_unplanned { full } else { rules }
+}
+
 /// Scene on an executor, its light filtered, with the rules of its pictures.
 ///
 /// The executor is chosen at run time by [`SceneRenderer::new`], or is the caller's own
@@ -361,12 +367,14 @@ impl SceneRenderer {
         E::Error: Into<SceneError>,
     {
         let backend = Box::new(UploadedScene::new(exec, scene, |light, _| light, Storage::F32)?);
-        Self::with_backend(backend, scene, channels).lit_by(scene)
+        let renderer = Self::with_backend(backend, scene, channels);
+        let light = scene.light_for(&renderer.rules);
+        renderer.lit_by(light)
     }
 
     /// Renderer on a backend with the Gaussians and the light of `scene`.
     pub fn with_backend(backend: Box<dyn RenderBackend>, scene: &Scene, channels: Channels) -> Self {
-        Self { backend, channels, is_unplanned: false, rules: scene.plan(channels).rules }
+        Self { backend, channels, is_unplanned: false, rules: rules_of(scene, channels, false) }
     }
 
     /// Renderer of a scene with rounded Gaussians.
@@ -376,29 +384,21 @@ impl SceneRenderer {
         is_unplanned: bool,
         options: &RenderOptions,
     ) -> Result<Self, SceneError> {
-        if let Some(Environment { resolution: resolution @ RESOLUTION_SLOW.., .. }) = scene.light {
+        let rules = rules_of(scene, channels, is_unplanned);
+        let light = scene.light_for(&rules);
+        if let Some(Environment { resolution: resolution @ RESOLUTION_SLOW.., .. }) = light {
             tracing::info!("filtering a light of six times {resolution} × {resolution} texels; this takes a while");
         }
         let cutoffs = Cutoffs::DEFAULT.with_projection(options.projection).with_order(options.order);
         let backend = upload(options.open()?, scene, cutoffs, options.storage)?;
-        let mut renderer = Self { is_unplanned, ..Self::with_backend(backend, scene, channels) };
-        renderer.plan(scene);
-        renderer.lit_by(scene)
+        Self { backend, channels, is_unplanned, rules }.lit_by(light)
     }
 
-    fn plan(&mut self, scene: &Scene) {
-        let Plan { rules, full, .. } = scene.plan(self.channels);
-        self.rules = if self.is_unplanned { full } else { rules };
-    }
-
-    fn lit_by(mut self, scene: &Scene) -> Result<Self, SceneError> {
-        self.set_light_of(scene)?;
+    fn lit_by(mut self, light: Option<Environment<Vec<f32>>>) -> Result<Self, SceneError> {
+        if let Some(light) = light {
+            self.backend.set_light(Self::SCENE_LIGHT, &light, &self.rules)?;
+        }
         Ok(self)
-    }
-
-    fn set_light_of(&mut self, scene: &Scene) -> Result<(), SceneError> {
-        let light = scene.light_for(&self.rules);
-        light.map_or(Ok(()), |light| self.backend.set_light(Self::SCENE_LIGHT, &light, &self.rules))
     }
 
     /// View of the scene over a background in sRGB, with 8 bits a channel: the picture that
@@ -497,8 +497,9 @@ impl SceneRenderer {
     /// Those of the executor; [`SceneError::Immutable`] for backends that keep their scene.
     pub fn set_scene(&mut self, scene: &Scene) -> Result<(), SceneError> {
         self.backend.set_scene(scene)?;
-        self.plan(scene);
-        self.set_light_of(scene)
+        self.rules = rules_of(scene, self.channels, self.is_unplanned);
+        let light = scene.light_for(&self.rules);
+        light.map_or(Ok(()), |light| self.backend.set_light(Self::SCENE_LIGHT, &light, &self.rules))
     }
 
     /// Rules of its pictures, without stages that the scene does not need.
