@@ -13,6 +13,7 @@ use specula_core::lamps::check;
 use specula_io::{budget::FACTS, orientation::Orientation};
 use specula_scene::{
     Lighting, OpenedModel, RenderOptions, SceneError, Shading, Surface,
+    ground::GroundPlane,
     lamps::{SphereChoice, SunChoice, direction, shadow_surface, share_in_shadow},
     light_file::{LightOptions, MapUp},
     picture_folder::light_differences,
@@ -28,8 +29,10 @@ pub(crate) struct LightPlan {
     /// File of the environment map; `None` for no environment light.
     env: Option<PathBuf>,
     options: LightOptions,
-    /// Suns, lamps and ground; [`LightPlan::shine`] adds the environment map and the occluder.
+    /// Suns and lamps; [`LightPlan::shine`] adds the environment map, the occluder and the ground.
     lighting: Lighting,
+    /// Ground, and its height if it is not that of the scene's lowest point.
+    ground: Option<Option<f32>>,
 }
 
 /// Contents of a file of lights.
@@ -40,6 +43,7 @@ struct LightFile {
     env_up: MapUp,
     exposure: f32,
     turn: f32,
+    ground: bool,
     sun: Vec<String>,
     lamp: Vec<String>,
 }
@@ -55,6 +59,8 @@ pub(crate) struct NamedLights {
     pub(crate) exposure: f32,
     /// Turn in degrees that the file of lights names.
     pub(crate) turn: f32,
+    /// Whether the file of lights asks for ground.
+    pub(crate) has_ground: bool,
     pub(crate) suns: Vec<SunChoice>,
     pub(crate) spheres: Vec<SphereChoice>,
 }
@@ -74,8 +80,8 @@ impl NamedLights {
         suns.extend(&options.sun);
         spheres.extend(&options.lamp);
         let env = file.env.filter(|name| name != "none").map(|name| folder.join(name));
-        let LightFile { env_up, exposure, turn, .. } = file;
-        Ok(Self { env, env_up, exposure, turn, suns, spheres })
+        let LightFile { env_up, exposure, turn, ground: has_ground, .. } = file;
+        Ok(Self { env, env_up, exposure, turn, has_ground, suns, spheres })
     }
 
     /// Up direction of the environment map: that of the command line, unless it is the default.
@@ -106,7 +112,7 @@ impl LightPlan {
     pub(crate) fn new(args: &Lights, options: LightOptions) -> Result<Self, Failure> {
         let named = NamedLights::read(&args.lamps)?;
         let up = named.up(options.up);
-        let NamedLights { env: in_file, exposure, turn, suns, spheres, .. } = named;
+        let NamedLights { env: in_file, exposure, turn, suns, spheres, has_ground, .. } = named;
         let env = match &args.env {
             Some(EnvChoice::File(path)) => Some(path.clone()),
             Some(EnvChoice::None) => None,
@@ -126,18 +132,24 @@ impl LightPlan {
                 "the sum of the turns or exposures of --lights and the command line is not finite".into(),
             ));
         }
-        if args.ground.is_some() && suns.iter().any(|sun| sun.elevation < 0.0) {
+        let ground = args.ground.or(has_ground.then_some(None));
+        if ground.is_some() && suns.iter().any(|sun| sun.elevation < 0.0) {
             tracing::warn!("a sun is below the horizon; the ground catches shadows, but casts none on the scene");
         }
-        let (map_up, rays, ground) = (options.up, args.shadow_rays, args.ground);
-        let lighting = Lighting { map_up, suns, spheres, turn, rays, ground, ..Lighting::default() };
+        let (map_up, rays) = (options.up, args.shadow_rays);
+        let lighting = Lighting { map_up, suns, spheres, turn, rays, ..Lighting::default() };
         check(&lighting.lamps(Vec3::Z), rays).map_err(|fault| Failure::Input(fault.to_string()))?;
-        Ok(Self { env, options, lighting })
+        Ok(Self { env, options, lighting, ground })
     }
 
     /// File of the environment map, if there is one.
     pub(crate) fn env(&self) -> Option<&Path> {
         self.env.as_deref()
+    }
+
+    /// Whether there is ground.
+    pub(crate) const fn has_ground(&self) -> bool {
+        self.ground.is_some()
     }
 
     /// Name of the light, for a folder: that of the environment map.
@@ -148,11 +160,11 @@ impl LightPlan {
     /// Parts of a folder's name, one for each change of the environment and each lamp.
     pub(crate) fn differences(&self) -> Vec<String> {
         let mut parts = light_differences(self.options);
-        let Lighting { suns, spheres, turn, ground, .. } = &self.lighting;
+        let Lighting { suns, spheres, turn, .. } = &self.lighting;
         parts.extend(suns.iter().map(|sun| format!("sun{sun}").replace(':', "-")));
         parts.extend(spheres.iter().map(|sphere| format!("lamp{sphere}").replace(':', "-")));
         parts.extend((*turn != 0.0).then(|| format!("turn{turn:+}")));
-        parts.extend(ground.map(|height| height.map_or("ground".to_owned(), |height| format!("ground{height}"))));
+        parts.extend(self.ground.map(|height| height.map_or("ground".to_owned(), |height| format!("ground{height}"))));
         parts
     }
 
@@ -185,8 +197,15 @@ impl LightPlan {
             return Err(no_materials());
         }
         lighting.map = self.env.as_deref().map(|path| read_env(path, self.options.exposure)).transpose()?;
-        if lighting.has_lamps() || lighting.ground.is_some() {
+        if lighting.has_lamps() || self.has_ground() {
             lighting.occluder = surface_of(opened, options)?;
+        }
+        if let Some(height) = self.ground {
+            let surface = lighting.occluder.clone();
+            lighting.ground = surface.and_then(|surface| GroundPlane::new(surface, up, height));
+            if lighting.ground.is_none() {
+                tracing::warn!("no ground is shown, since the scene has no surface that casts shadows");
+            }
         }
         if let Some(occluder) = &lighting.occluder {
             warn_of_hidden_suns(&lighting, occluder, opened, up)?;

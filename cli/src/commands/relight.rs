@@ -42,8 +42,8 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     let layers = video.as_ref().map_or(&args.layers[..], Video::layers);
     let ViewOptions { scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
-    let views = &over_ground(args, &opened);
     let plan = LightPlan::new(&args.lights, (&args.env_options).into())?;
+    let views = &if plan.has_ground() { over_ground(args, &opened) } else { args.views.clone() };
     refuse_options_without_light(plan.env(), (&args.env_options).into())?;
     let mut set = CameraSet::choose(&(&args.views).into(), &opened)?;
     note_turned(args.views.upright, &set);
@@ -108,8 +108,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
 
 /// Options of the pictures. Ground is white where it would be as black as the shadows on it.
 fn over_ground(args: &Relight, opened: &OpenedModel) -> ViewOptions {
-    let is_unseen = args.lights.ground.is_some() && args.views.background.is_none() && opened.background() == [0.0; 3];
-    if !is_unseen {
+    if args.views.background.is_some() || opened.background() != [0.0; 3] {
         return args.views.clone();
     }
     tracing::info!(
@@ -134,7 +133,7 @@ fn backdrop_under(
     up: Vec3,
 ) -> Result<Backdrop, Failure> {
     let map = lighting.map.clone().map(|map| (map, lighting.map_orientation(up)));
-    Ok(lighting.grounded(backdrop_of(options, set, opened, map)?, &opened.scene, up))
+    Ok(lighting.grounded(backdrop_of(options, set, opened, map)?, &opened.scene))
 }
 
 /// Renders pictures under a light that turns about the scene's up direction, and an animation.

@@ -57,8 +57,8 @@ fn add_lights(viewer: &Viewer, args: &View, lights: NamedLights) -> Result<(), F
         return Ok(());
     }
     let environment = first.map_or(SetupEnvironment::None, SetupEnvironment::Added);
-    let NamedLights { turn, exposure, suns, spheres, .. } = lights;
-    Ok(viewer.start_under(LightSetup { environment, turn, exposure, suns, spheres })?)
+    let NamedLights { turn, exposure, suns, spheres, has_ground, .. } = lights;
+    Ok(viewer.start_under(LightSetup { environment, turn, exposure, suns, spheres, has_ground })?)
 }
 
 impl From<ViewerError> for Failure {

@@ -224,7 +224,7 @@ fn photograph_over_environment(view: &View, light: &Environment<Vec<f32>>) -> Ve
 }
 
 /// Colours of a rendered view over a light, as three planes in sRGB.
-pub fn over_environment(image: &Image<Vec<f32>>, light: &Environment<Vec<f32>>, camera: &Camera) -> Vec<f32> {
+fn over_environment(image: &Image<Vec<f32>>, light: &Environment<Vec<f32>>, camera: &Camera) -> Vec<f32> {
     over_colors(image, &environment_colors(light, camera))
 }
 

@@ -11,11 +11,12 @@ use rayon::prelude::*;
 use specula_core::{
     camera::Camera,
     lamps::{Lamp, LampOf, disc_axes, horizon, seen_share, shadow_ray, shift, spiral_point, toward},
-    near_field::{NearField, T_MISS},
+    near_field::T_MISS,
     scene::Environment,
     sphere::directions,
 };
-use specula_mesh::sky::Sky;
+use specula_mesh::{sky::Sky, surface::Surface};
+use std::sync::{Arc, OnceLock};
 
 /// Directions of the whole sphere; half of them are above the ground.
 const DIRECTIONS: usize = 768;
@@ -27,9 +28,12 @@ const WIDTHS: f32 = 4.0;
 /// Share of the square's half edge within which shadows of the sky do not fade.
 const FADE: f32 = 0.7;
 
-/// Plane below a scene, and the light on it.
-#[derive(Clone, Debug)]
-pub struct Ground {
+/// Words of the bits of all directions.
+const WORDS: usize = DIRECTIONS.div_ceil(u64::BITS as usize);
+
+/// Plane below a scene, and the part of the sky that the scene hides from it.
+#[derive(Debug)]
+pub struct GroundPlane {
     /// Unit normal.
     up: Vec3,
     /// Middle of the square, on the plane.
@@ -37,32 +41,16 @@ pub struct Ground {
     /// Directions of the square's edges.
     axes: [Vec3; 2],
     half_edge: f32,
-    /// Irradiance of the open plane by the sky.
-    open: Vec3,
-    /// Irradiance that reaches the points of the square, row by row.
-    reaching: Vec<Vec3>,
-    lamps: Vec<GroundLamp>,
-    spiral: Vec<[f32; 4]>,
-    occluder: NearField<Vec<f32>>,
+    occluder: Arc<Surface>,
+    /// Bits of the directions that are open at the points of the square, row by row; traced on
+    /// first use.
+    open: OnceLock<Vec<[u64; WORDS]>>,
 }
 
-/// Numbers of a lamp, and its number of rays.
-#[derive(Clone, Copy, Debug)]
-struct GroundLamp {
-    numbers: [f32; 8],
-    rays: usize,
-}
-
-impl Ground {
-    /// Ground perpendicular to `up` at a height along it; by default that of the lowest point of
+impl GroundPlane {
+    /// Plane perpendicular to `up` at a height along it; by default that of the lowest point of
     /// the shadow-casting surface. `None` if the surface has no extent.
-    pub fn new(
-        occluder: &NearField<Vec<f32>>,
-        up: Vec3,
-        height: Option<f32>,
-        sky: Option<&Environment<Vec<f32>>>,
-        lamps: Option<&SceneLamps>,
-    ) -> Option<Self> {
+    pub fn new(occluder: Arc<Surface>, up: Vec3, height: Option<f32>) -> Option<Arc<Self>> {
         let up = up.normalize_or_zero();
         let axes = <[Vec3; 2]>::from(up.any_orthonormal_pair());
         let positions = (0..occluder.vertex_count).map(|vertex| Vec3::from_slice(&occluder.vertex(vertex)[..3]));
@@ -79,47 +67,8 @@ impl Ground {
         let center = 0.5 * (least + greatest);
         let height = height.unwrap_or(least.z);
         let middle = center.x * axes[0] + center.y * axes[1] + height * up;
-        let spiral = lamps.map_or(0, |lamps| lamps.rays);
-        let lamps = lamps.map_or(&[][..], |lamps| &lamps.lamps);
-        let ground_lamp =
-            |lamp: &Lamp| GroundLamp { numbers: lamp.numbers(), rays: if lamp.is_wide() { spiral } else { 1 } };
-        let mut ground = Self {
-            up,
-            middle,
-            axes,
-            half_edge: 0.5 * WIDTHS * width,
-            open: Vec3::ZERO,
-            reaching: Vec::new(),
-            lamps: lamps.iter().map(ground_lamp).collect(),
-            spiral: (0..spiral).map(|k| spiral_point(k, spiral)).collect(),
-            occluder: occluder.clone(),
-        };
-        if let Some(environment) = sky {
-            ground.find_sky(&Sky::new(environment));
-        }
-        Some(ground)
-    }
-
-    /// Computes the light of the sky at the points of the square.
-    fn find_sky(&mut self, sky: &Sky) {
-        let share = 4.0 * core::f32::consts::PI / DIRECTIONS as f32;
-        let above = directions(DIRECTIONS).map(|direction| Vec3::from(direction.map(|x| x as f32)));
-        let light = |direction: Vec3| {
-            let cosine = direction.dot(self.up);
-            (cosine > 0.0).then(|| (direction, sky.radiance(direction) * (cosine * share)))
-        };
-        let lights: Vec<(Vec3, Vec3)> = above.filter_map(light).filter(|(_, light)| *light != Vec3::ZERO).collect();
-        if lights.is_empty() {
-            return;
-        }
-        let at = |index: usize| {
-            let point = self.point_of([index % POINTS, index / POINTS].map(|k| k as f32));
-            let is_open = |direction: Vec3| !self.occluder.is_blocked(point.into(), direction.into(), T_MISS);
-            lights.iter().filter(|(direction, _)| is_open(*direction)).map(|(_, light)| *light).sum()
-        };
-        let reaching = (0..POINTS * POINTS).into_par_iter().map(at).collect();
-        self.open = lights.iter().map(|(_, light)| *light).sum();
-        self.reaching = reaching;
+        let half_edge = 0.5 * WIDTHS * width;
+        Some(Arc::new(Self { up, middle, axes, half_edge, occluder, open: OnceLock::new() }))
     }
 
     /// Point of the ground at a column and a row of the square.
@@ -128,13 +77,99 @@ impl Ground {
         self.middle + x * self.axes[0] + y * self.axes[1]
     }
 
+    /// Open directions of every point of the square. Those below the plane are not traced.
+    fn open(&self) -> &[[u64; WORDS]] {
+        let trace = || {
+            let directions: Vec<Vec3> = sky_directions().collect();
+            let at = |index: usize| {
+                let point = self.point_of([index % POINTS, index / POINTS].map(|k| k as f32));
+                let is_open = |direction: Vec3| {
+                    direction.dot(self.up) > 0.0 && !self.occluder.is_blocked(point.into(), direction.into(), T_MISS)
+                };
+                let mut bits = [0; WORDS];
+                for (index, _) in directions.iter().enumerate().filter(|(_, direction)| is_open(**direction)) {
+                    bits[index / 64] |= 1 << (index % 64);
+                }
+                bits
+            };
+            (0..POINTS * POINTS).into_par_iter().map(at).collect()
+        };
+        self.open.get_or_init(trace)
+    }
+}
+
+/// Directions of the sky, those below the ground too.
+fn sky_directions() -> impl Iterator<Item = Vec3> {
+    directions(DIRECTIONS).map(|direction| Vec3::from(direction.map(|x| x as f32)))
+}
+
+/// Ground below a scene, and the light on it.
+#[derive(Clone, Debug)]
+pub struct Ground {
+    plane: Arc<GroundPlane>,
+    /// Irradiance of the open plane by the sky.
+    open: Vec3,
+    /// Irradiance that reaches the points of the square, row by row; none without a sky.
+    reaching: Vec<Vec3>,
+    lamps: Vec<GroundLamp>,
+    spiral: Vec<[f32; 4]>,
+}
+
+/// Numbers of a lamp, and its number of rays.
+#[derive(Clone, Copy, Debug)]
+struct GroundLamp {
+    numbers: [f32; 8],
+    rays: usize,
+}
+
+impl Ground {
+    /// Ground under a sky and lamps.
+    pub fn new(plane: Arc<GroundPlane>, sky: Option<&Environment<Vec<f32>>>, lamps: Option<&SceneLamps>) -> Self {
+        let spiral = lamps.map_or(0, |lamps| lamps.rays);
+        let lamps = lamps.map_or(&[][..], |lamps| &lamps.lamps);
+        let ground_lamp =
+            |lamp: &Lamp| GroundLamp { numbers: lamp.numbers(), rays: if lamp.is_wide() { spiral } else { 1 } };
+        let mut ground = Self {
+            plane,
+            open: Vec3::ZERO,
+            reaching: Vec::new(),
+            lamps: lamps.iter().map(ground_lamp).collect(),
+            spiral: (0..spiral).map(|k| spiral_point(k, spiral)).collect(),
+        };
+        if let Some(environment) = sky {
+            ground.find_sky(&Sky::new(environment));
+        }
+        ground
+    }
+
+    /// Computes the light of the sky at the points of the square.
+    fn find_sky(&mut self, sky: &Sky) {
+        let share = 4.0 * core::f32::consts::PI / DIRECTIONS as f32;
+        let light = |(index, direction): (usize, Vec3)| {
+            let cosine = direction.dot(self.plane.up);
+            (cosine > 0.0).then(|| (index, sky.radiance(direction) * (cosine * share)))
+        };
+        let lights = sky_directions().enumerate().filter_map(light);
+        let lights: Vec<(usize, Vec3)> = lights.filter(|(_, light)| *light != Vec3::ZERO).collect();
+        if lights.is_empty() {
+            return;
+        }
+        let at = |bits: &[u64; WORDS]| {
+            let is_open = |index: usize| bits[index / 64] >> (index % 64) & 1 == 1;
+            lights.iter().filter(|(index, _)| is_open(*index)).map(|(_, light)| *light).sum()
+        };
+        self.reaching = self.plane.open().par_iter().map(at).collect();
+        self.open = lights.iter().map(|(_, light)| *light).sum();
+    }
+
     /// Irradiance of the sky that reaches a point.
     fn sky_at(&self, point: Vec3) -> Vec3 {
         if self.reaching.is_empty() {
             return self.open;
         }
-        let from_middle = point - self.middle;
-        let place = Vec2::new(self.axes[0].dot(from_middle), self.axes[1].dot(from_middle)) / self.half_edge;
+        let GroundPlane { middle, axes, half_edge, .. } = &*self.plane;
+        let from_middle = point - *middle;
+        let place = Vec2::new(axes[0].dot(from_middle), axes[1].dot(from_middle)) / *half_edge;
         let outwards = place.abs().max_element();
         if outwards >= 1.0 {
             return self.open;
@@ -151,17 +186,18 @@ impl Ground {
 
     /// Share of the light that reaches a point, seen in the pixel of a column and a row.
     fn share_at(&self, point: Vec3, [column, row]: [f32; 2]) -> Vec3 {
+        let GroundPlane { up, occluder, .. } = &*self.plane;
         let (mut open, mut reaching) = (self.open, self.sky_at(point));
         for (index, GroundLamp { numbers, rays }) in self.lamps.iter().enumerate() {
-            let seen = toward(&LampOf::from_array(*numbers), point.into(), self.up.into());
-            let height = horizon(self.up.dot(Vec3::from(seen.direction)), seen.sine);
+            let seen = toward(&LampOf::from_array(*numbers), point.into(), (*up).into());
+            let height = horizon(up.dot(Vec3::from(seen.direction)), seen.sine);
             let light = Vec3::from(seen.irradiance) * height;
             let (axes, shift) = (disc_axes(seen.direction), shift(column, row, index as f32));
             let (mut all, mut arriving) = (0.0, 0.0);
             for place in &self.spiral[..*rays] {
-                let ray = shadow_ray(self.up.into(), &seen, axes, &shift, *place);
+                let ray = shadow_ray((*up).into(), &seen, axes, &shift, *place);
                 all += ray.weight;
-                if ray.weight > 0.0 && !self.occluder.is_blocked(point.into(), ray.direction, seen.reach) {
+                if ray.weight > 0.0 && !occluder.is_blocked(point.into(), ray.direction, seen.reach) {
                     arriving += ray.weight;
                 }
             }
@@ -176,11 +212,12 @@ impl Ground {
     /// row; 1 where the camera does not see the ground.
     pub fn shares(&self, camera: &Camera) -> Vec<[f32; 3]> {
         let world_from_camera = camera.camera_from_world.transpose();
-        let height = self.up.dot(self.middle - camera.position);
+        let GroundPlane { up, middle, .. } = &*self.plane;
+        let height = up.dot(*middle - camera.position);
         let share = |index: u32| {
             let [column, row] = [index % camera.width, index / camera.width].map(|pixel| pixel as f32);
             let ray = world_from_camera * camera.ray_in_camera(column + 0.5, row + 0.5);
-            let slope = self.up.dot(ray);
+            let slope = up.dot(ray);
             if height >= 0.0 || slope >= 0.0 {
                 return [1.0; 3];
             }
@@ -194,12 +231,12 @@ impl Ground {
 mod tests {
     use super::*;
     use crate::backdrop::{Backdrop, BackgroundColor};
+    use specula_core::near_field::NearField;
     use specula_core::{
         cubemap::FACE_COUNT,
         scene::{Image, RadianceActivation},
     };
-    use specula_mesh::{Mesh, near_field::SurfaceMeans, surface::Surface};
-    use std::sync::Arc;
+    use specula_mesh::{Mesh, near_field::SurfaceMeans};
 
     /// Square of this half edge at a height above the origin, whose front is below.
     fn roof(half: f32, height: f32) -> NearField<Vec<f32>> {
@@ -227,12 +264,22 @@ mod tests {
         SceneLamps { lamps: vec![lamp], rays: 1, occluder: None }
     }
 
+    /// Ground at height 0, or at the lowest point.
+    fn ground_below(
+        occluder: &NearField<Vec<f32>>,
+        height: Option<f32>,
+        sky: Option<&Environment<Vec<f32>>>,
+        lamps: Option<&SceneLamps>,
+    ) -> Ground {
+        Ground::new(GroundPlane::new(Surface::shared(occluder.clone()), Vec3::Z, height).unwrap(), sky, lamps)
+    }
+
     /// Below a square of half edge a at a height of h the sky is hidden as the form factor says:
     /// (4/π) (a / √(a² + h²)) atan(a / √(a² + h²)).
     #[test]
     fn a_roof_hides_the_sky_by_its_form_factor() {
         let (half, height) = (1.0_f32, 0.5_f32);
-        let ground = Ground::new(&roof(half, height), Vec3::Z, Some(0.0), Some(&sky(0.7)), None).unwrap();
+        let ground = ground_below(&roof(half, height), Some(0.0), Some(&sky(0.7)), None);
         let slant = half / half.hypot(height);
         let hidden = 4.0 / core::f32::consts::PI * slant * slant.atan();
         let found = ground.share_at(Vec3::ZERO, [0.0; 2]);
@@ -245,31 +292,31 @@ mod tests {
     fn shadows_of_suns_match_geometry() {
         let roof = roof(1.0, 2.0);
         let lamps = sun([1.0, 0.0, 1.0]);
-        let ground = Ground::new(&roof, Vec3::Z, Some(0.0), None, Some(&lamps)).unwrap();
+        let ground = ground_below(&roof, Some(0.0), None, Some(&lamps));
         // Moved by the height, away from the sun.
         for (x, expected) in [(-3.1, 1.0), (-2.9, 0.0), (-1.1, 0.0), (-0.9, 1.0), (0.0, 1.0)] {
             assert_eq!(ground.share_at(Vec3::new(x, 0.0, 0.0), [3.0, 4.0]), Vec3::splat(expected), "{x}");
         }
-        let both = Ground::new(&roof, Vec3::Z, Some(0.0), Some(&sky(1.0)), Some(&lamps)).unwrap();
+        let both = ground_below(&roof, Some(0.0), Some(&sky(1.0)), Some(&lamps));
         let shadowed = both.share_at(Vec3::new(-2.0, 0.0, 0.0), [0.0; 2]).x;
         assert!(shadowed > 0.4 && shadowed < 0.75, "the sky lights the shadow: {shadowed}");
         let with = SceneLamps { occluder: Some(Surface::shared(roof.clone())), ..sun([0.0, 0.0, -1.0]) };
-        let below = Ground::new(&roof, Vec3::Z, None, None, Some(&with)).unwrap();
-        assert_eq!(below.middle.z, 2.0, "at the lowest point");
+        let below = ground_below(&roof, None, None, Some(&with));
+        assert_eq!(below.plane.middle.z, 2.0, "at the lowest point");
         assert_eq!(below.share_at(Vec3::ZERO, [0.0; 2]), Vec3::ONE, "no light, no shadow");
     }
 
     #[test]
     fn back_faces_also_block_light() {
         let open_below = square(1.0, 2.0, [[0, 1, 2], [0, 2, 3]]);
-        let ground = Ground::new(&open_below, Vec3::Z, Some(0.0), None, Some(&sun([0.0, 0.0, 1.0]))).unwrap();
+        let ground = ground_below(&open_below, Some(0.0), None, Some(&sun([0.0, 0.0, 1.0])));
         assert_eq!(ground.share_at(Vec3::ZERO, [0.0; 2]), Vec3::ZERO);
         assert_eq!(ground.share_at(Vec3::new(1.5, 0.0, 0.0), [0.0; 2]), Vec3::ONE);
     }
 
     #[test]
     fn cameras_see_the_ground_only_from_above() {
-        let ground = Ground::new(&roof(1.0, 2.0), Vec3::Z, Some(0.0), None, Some(&sun([0.0, 0.0, 1.0]))).unwrap();
+        let ground = ground_below(&roof(1.0, 2.0), Some(0.0), None, Some(&sun([0.0, 0.0, 1.0])));
         let above = Camera::look_at(Vec3::new(4.0, 0.0, 3.0), Vec3::ZERO, Vec3::Z, 0.8, 32, 24);
         let shares = ground.shares(&above);
         assert!(shares.contains(&[0.0; 3]) && shares.contains(&[1.0; 3]));
@@ -282,7 +329,7 @@ mod tests {
         /// Rounding of alpha and of the result to 8 bits.
         const ROUNDING: f32 = 1.5;
         let light = sky(0.7);
-        let ground = Arc::new(Ground::new(&roof(0.5, 0.3), Vec3::Z, Some(0.0), Some(&light), None).unwrap());
+        let ground = Arc::new(ground_below(&roof(0.5, 0.3), Some(0.0), Some(&light), None));
         let camera = Camera::look_at(Vec3::new(4.0, 0.0, 3.0), Vec3::ZERO, Vec3::Z, 0.8, 32, 24);
         let size = (camera.width * camera.height) as usize;
         // Nothing but the ground.

@@ -4,7 +4,7 @@
 use crate::{
     RenderOptions, Scene, SceneError, SceneRenderer, Surface,
     backdrop::Backdrop,
-    ground::Ground,
+    ground::{Ground, GroundPlane},
     lamps::{SceneLamps, SphereChoice, SunChoice, turned},
     light_file::MapUp,
 };
@@ -28,8 +28,8 @@ pub struct Lighting {
     pub turn: f32,
     /// Shadow rays of each lamp and pixel.
     pub rays: usize,
-    /// Ground that catches shadows, and its height if it is not that of the scene's lowest point.
-    pub ground: Option<Option<f32>>,
+    /// Ground that catches shadows.
+    pub ground: Option<Arc<GroundPlane>>,
     /// Surface that casts shadows; `None` for none.
     pub occluder: Option<Arc<Surface>>,
 }
@@ -101,14 +101,14 @@ impl Lighting {
         renderer.set_scene(scene)
     }
 
-    /// Backdrop with the ground, which catches the occluder's shadows under the light of `scene`;
-    /// without ground or occluder, the backdrop itself.
-    pub fn grounded(&self, backdrop: Backdrop, scene: &Scene, up: Vec3) -> Backdrop {
-        let ground = self.ground.zip(self.occluder.as_deref()).and_then(|(height, occluder)| {
-            Ground::new(occluder, up, height, scene.light.as_ref(), scene.lamps.as_ref())
-        });
-        match ground {
-            Some(ground) => Backdrop::Ground(Box::new(backdrop), Arc::new(ground)),
+    /// Backdrop with the ground, which catches shadows under the light of `scene`; without ground,
+    /// the backdrop itself.
+    pub fn grounded(&self, backdrop: Backdrop, scene: &Scene) -> Backdrop {
+        match &self.ground {
+            Some(plane) => {
+                let ground = Ground::new(plane.clone(), scene.light.as_ref(), scene.lamps.as_ref());
+                Backdrop::Ground(Box::new(backdrop), Arc::new(ground))
+            }
             None => backdrop,
         }
     }

@@ -50,6 +50,8 @@ pub(crate) struct FrameRequest {
     pub(crate) shading: Option<Shading>,
     /// True if the light is the background, instead of a colour.
     pub(crate) has_backdrop: bool,
+    /// True if ground catches the scene's shadows.
+    pub(crate) has_ground: bool,
 }
 
 impl FrameRequest {
@@ -60,7 +62,7 @@ impl FrameRequest {
             Some(index) => Viewpoint::View(index),
             None => Viewpoint::Pose(query(uri)?),
         };
-        let PictureParameters { size, layer, shading, backdrop } = query(uri)?;
+        let PictureParameters { size, layer, shading, backdrop, ground } = query(uri)?;
         let lamps: LampSetting = query(uri)?;
         if !lamps.is_dark() && shading == Some(Shading::View) {
             return Err(HttpError::bad_request("suns and lamps light only physical materials; omit shading=view"));
@@ -73,6 +75,7 @@ impl FrameRequest {
             lamps,
             shading,
             has_backdrop: backdrop.is_some(),
+            has_ground: ground.is_some(),
         })
     }
 
@@ -95,6 +98,7 @@ struct PictureParameters {
     layer: Content,
     shading: Option<Shading>,
     backdrop: Option<Backdrop>,
+    ground: Option<GroundParameter>,
 }
 
 #[derive(Deserialize)]
@@ -107,6 +111,13 @@ struct PointParameters {
 #[serde(rename_all = "lowercase")]
 enum Backdrop {
     Env,
+}
+
+/// Ground at the height of the scene's lowest point.
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum GroundParameter {
+    On,
 }
 
 /// Camera of a picture.
@@ -548,6 +559,7 @@ mod tests {
             ("light=-1", "light"),
             ("view=x", "view"),
             ("backdrop=red", "backdrop"),
+            ("ground=2", "ground"),
             ("light=sun", "light"),
             ("shading=matte", "shading"),
             ("suns=30", "suns"),

@@ -35,6 +35,8 @@ pub struct LightSetup {
     pub suns: Vec<SunChoice>,
     /// Lamps.
     pub spheres: Vec<SphereChoice>,
+    /// True if ground catches the scene's shadows.
+    pub has_ground: bool,
 }
 
 impl LightSetup {
@@ -70,6 +72,7 @@ impl LightSetup {
             "stops": self.exposure,
             "suns": listed(&self.suns),
             "lamps": listed(&self.spheres),
+            "ground": self.has_ground,
         })
     }
 }
@@ -87,7 +90,7 @@ mod tests {
     fn a_setup_has_the_notation_of_requests() {
         assert_eq!(
             LightSetup::default().json(),
-            json!({"light": 0, "turn": 0.0, "stops": 0.0, "suns": "", "lamps": ""})
+            json!({"light": 0, "turn": 0.0, "stops": 0.0, "suns": "", "lamps": "", "ground": false})
         );
         let setup = LightSetup {
             environment: SetupEnvironment::None,
@@ -95,9 +98,11 @@ mod tests {
             exposure: -1.0,
             suns: ["30,45", "0,10,1:ff8800"].map(|text| text.parse().unwrap()).into(),
             spheres: vec!["1,0,2,5,0.5".parse().unwrap()],
+            has_ground: true,
         };
         let json = setup.json();
         assert_eq!((&json["light"], &json["lamps"]), (&json!("none"), &json!("1,0,2,5,0.5")));
+        assert_eq!(json["ground"], json!(true));
         assert_eq!(json["suns"], json!("30,45,3,0.53;0,10,1,0.53:ff8800"));
         assert!(setup.check().is_ok());
     }

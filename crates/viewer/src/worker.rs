@@ -18,8 +18,9 @@ use specula_core::{
 use specula_io::picture::{self, RgbImage};
 use specula_scene::{
     Layer, Scene, SceneError, SceneRenderer, Shading, ShadingModel, Surface,
-    backdrop::over_environment,
+    backdrop::{Backdrop, BackgroundColor},
     environment::{fitting, levels_of},
+    ground::{Ground, GroundPlane},
     lamps::{SceneLamps, fused_surface},
 };
 use specula_train::evaluate::{mean_squared_error, over_background};
@@ -86,6 +87,14 @@ impl ShadowSurface {
     }
 }
 
+/// Ground of the last picture that has one, for pictures under the same light.
+#[derive(Debug)]
+struct LitGround {
+    light: LightSetting,
+    lamps: LampSetting,
+    ground: Arc<Ground>,
+}
+
 /// Channels of pictures, in ascending order of their cost.
 const CHANNELS: [Channels; 3] = [Channels::Color, Channels::Training, Channels::Layers];
 
@@ -100,6 +109,9 @@ pub(crate) struct RenderWorker {
     /// True if there is a surface that reflected rays may hit.
     has_surface: bool,
     shadow_surface: ShadowSurface,
+    /// Ground below the shadow-casting surface, found on first use.
+    plane: Option<Arc<GroundPlane>>,
+    ground: Option<LitGround>,
     lights: Arc<Lights>,
     /// In the order of their last use.
     filtered: Vec<FilteredLight>,
@@ -137,6 +149,8 @@ impl RenderWorker {
             needs,
             has_surface,
             shadow_surface,
+            plane: None,
+            ground: None,
             lights,
             filtered,
             views,
@@ -160,6 +174,7 @@ impl RenderWorker {
         self.renderer.set_scene(&scene)?;
         self.has_surface = scene.near_field.is_some();
         self.shadow_surface = ShadowSurface::of(&scene);
+        (self.plane, self.ground) = (None, None);
         self.lights.set_scene_light(light);
         self.filtered.clear();
         Ok(())
@@ -198,8 +213,8 @@ impl RenderWorker {
         let name = view.map(|index| self.views.name(index).to_owned());
         let (picture, psnr) = match (request.content, view) {
             (Content::Error, Some(index)) => self.compare(image, *index, camera)?,
-            (Content::Layer(Layer::Rgb), _) if request.has_backdrop => {
-                (self.over_light(image, camera, request.light)?, None)
+            (Content::Layer(Layer::Rgb), _) if request.has_backdrop || request.has_ground => {
+                (self.backdrop(request)?.picture(image, camera).into_rgb8(), None)
             }
             _ => (layer.picture(image, self.shading_model.shading.form, self.background), None),
         };
@@ -210,17 +225,44 @@ impl RenderWorker {
         Ok(Frame { picture, view: name, psnr, point })
     }
 
-    /// Colours over the light; over the background colour for a scene without a light.
-    fn over_light(
-        &self,
-        image: &Image<Vec<f32>>,
-        camera: &Camera,
-        setting: LightSetting,
-    ) -> Result<RgbImage, ViewerError> {
-        let light = self.light(setting)?;
-        let planes = light
-            .map_or_else(|| over_background(image, self.background), |light| over_environment(image, &light, camera));
-        Ok(picture::rgb(image.width, image.height, &planes))
+    /// Background of a picture: the light, or the background colour for a scene without a light;
+    /// with ground, if it is requested.
+    fn backdrop(&mut self, request: &FrameRequest) -> Result<Backdrop, ViewerError> {
+        let light = if request.has_backdrop { self.light(request.light)? } else { None };
+        let backdrop = match light {
+            Some(light) => Backdrop::Environment(light),
+            // Shadows are not seen on black.
+            None if request.has_ground && self.background == [0.0; 3] => Backdrop::Color(BackgroundColor::WHITE),
+            None => Backdrop::Color(BackgroundColor(self.background)),
+        };
+        if !request.has_ground {
+            return Ok(backdrop);
+        }
+        Ok(Backdrop::Ground(Box::new(backdrop), self.ground(request)?))
+    }
+
+    /// Ground under the light of a request.
+    fn ground(&mut self, request: &FrameRequest) -> Result<Arc<Ground>, ViewerError> {
+        if let Some(LitGround { light, lamps, ground }) = &self.ground
+            && (light, lamps) == (&request.light, &request.lamps)
+        {
+            return Ok(ground.clone());
+        }
+        let plane = self.plane()?;
+        let (sky, lamps) = (self.light(request.light)?, self.lamps(request)?);
+        let ground = Arc::new(Ground::new(plane, sky.as_ref(), lamps.as_ref()));
+        self.ground = Some(LitGround { light: request.light, lamps: request.lamps.clone(), ground: ground.clone() });
+        Ok(ground)
+    }
+
+    fn plane(&mut self) -> Result<Arc<GroundPlane>, ViewerError> {
+        if let Some(plane) = &self.plane {
+            return Ok(plane.clone());
+        }
+        let surface = self.occluder()?;
+        let plane = surface.and_then(|surface| GroundPlane::new(surface, self.lights.up(), None));
+        self.plane.clone_from(&plane);
+        plane.ok_or_else(|| ViewerError::Request("the scene has no surface that casts shadows on ground".into()))
     }
 
     /// Camera of a request, and the index of its view.
@@ -559,6 +601,36 @@ mod tests {
         let darker = sunny.iter().zip(unshaded.iter()).filter(|(shaded, open)| shaded < open).count();
         assert!(darker > 50, "{darker} numbers lie in the shadow of the ball");
         assert_eq!(shown(&mut worker, "&light=none"), dark);
+    }
+
+    #[test]
+    fn ground_catches_shadows_under_the_light_of_the_request() {
+        let scene = scene();
+        let mut worker = worker(&scene);
+        let open = shown(&mut worker, "");
+        let sky = shown(&mut worker, "&ground=on");
+        assert_ne!(open, sky);
+        let picture = |more: &str, scene: &Scene, occluder: &Arc<Surface>| {
+            let request = request(more);
+            let Viewpoint::Pose(pose) = request.viewpoint else { unreachable!("it has a pose") };
+            let camera = Camera { near: 0.01, ..camera_of(&pose, SIZE) };
+            let plane = GroundPlane::new(occluder.clone(), UP, None).unwrap();
+            let ground = Ground::new(plane, scene.light.as_ref(), scene.lamps.as_ref());
+            let backdrop = Backdrop::Ground(Box::new(Backdrop::Color(BackgroundColor::WHITE)), Arc::new(ground));
+            let mut renderer = SceneRenderer::new(scene.clone(), Channels::Color, &options()).unwrap();
+            backdrop.picture(&renderer.render(&camera).unwrap(), &camera).into_rgb8()
+        };
+        let occluder = surface(&scene).unwrap();
+        assert_eq!(sky, picture("", &scene, &occluder), "white where black would hide shadows");
+        let sun = "&suns=30,50,4,3:ffcc88&ground=on";
+        let mut sunny = scene.clone();
+        let lamps = request(sun).lamps.lamps(UP, 0.0);
+        sunny.add_lamps(SceneLamps { lamps, rays: RAYS, occluder: Some(occluder.clone()) }).unwrap();
+        assert_eq!(shown(&mut worker, sun), picture(sun, &sunny, &occluder), "the ground of another light is not kept");
+        assert_eq!(shown(&mut worker, "&ground=on"), sky);
+        (worker.shadow_surface, worker.plane, worker.ground) = (ShadowSurface::Known(None), None, None);
+        let refused = worker.render(&request("&ground=on")).unwrap_err().to_string();
+        assert!(refused.contains("no surface"), "{refused}");
     }
 
     #[test]

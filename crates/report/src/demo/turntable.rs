@@ -11,6 +11,7 @@ use specula_io::{
 use specula_scene::{
     ExecutorChoice, Lighting, RenderOptions, Scene, SceneRenderer,
     backdrop::{Backdrop, BackgroundColor},
+    ground::GroundPlane,
     lamps::{LampColor, SunChoice},
     light_file::MapUp,
 };
@@ -34,7 +35,7 @@ pub(super) fn write(path: &Path, scene: &Scene, orbit: &Orbit, map: &LatLong) ->
         map: Some(map),
         map_up: MapUp::Z,
         suns: vec![SUN],
-        ground: Some(None),
+        ground: scene.near_field.clone().and_then(|surface| GroundPlane::new(surface, orbit.up, None)),
         occluder: scene.near_field.clone(),
         ..Lighting::default()
     };
@@ -47,7 +48,7 @@ pub(super) fn write(path: &Path, scene: &Scene, orbit: &Orbit, map: &LatLong) ->
             lighting.turn = 360.0 * TURNS * index as f32 / orbit.cameras.len() as f32;
             lighting.update(&mut scene, &mut renderer, orbit.up, &options)?;
         }
-        let backdrop = lighting.grounded(Backdrop::Color(BackgroundColor::WHITE), &scene, orbit.up);
+        let backdrop = lighting.grounded(Backdrop::Color(BackgroundColor::WHITE), &scene);
         frames.push(backdrop.picture(&renderer.render(camera)?, camera));
     }
     Ok(picture::write_animation(path, &frames, FRAME_MS)?)

@@ -317,6 +317,7 @@ export class Lamps {
     }
     if (environment && this.light.stops !== 0) lines.push(`exposure = ${this.light.stops}`);
     if (this.light.turn !== 0) lines.push(`turn = ${this.light.turn}`);
+    if (this.light.ground.checked) lines.push("ground = true");
     for (const kind of ["sun", "lamp"]) {
       if (this.of(kind).length > 0) lines.push(`${kind} = ${JSON.stringify(this.of(kind).map(text))}`);
     }
@@ -331,6 +332,7 @@ export class Lamps {
     if (environment && environment.up !== "scene") words.push("--env-up", environment.up);
     if (environment && this.light.stops !== 0) words.push("--exposure", this.light.stops);
     if (this.light.turn !== 0) words.push("--turn", this.light.turn);
+    if (this.light.ground.checked) words.push("--ground");
     for (const item of this.items) words.push(`--${item.kind}`, text(item));
     return words.join(" ");
   }

@@ -28,14 +28,17 @@ export class Light {
     this.stopsInput.addEventListener("input", () => this.set({ stops: Number(this.stopsInput.value) }));
     this.listenForDrags();
     this.listenForDrops();
-    this.backdrop = element("backdrop");
-    this.backdrop.addEventListener("change", () => this.changed());
+    [this.backdrop, this.ground] = ["backdrop", "ground"].map(element);
+    for (const box of [this.backdrop, this.ground]) box.addEventListener("change", () => this.changed());
+    // Only the surface of physical materials casts shadows on it.
+    this.ground.parentElement.hidden = !server.scene.physical;
     if (server.scene.shaded && server.scene.lights.length > 0) this.restore(initial);
   }
 
   /** Restores the selection from parameters of the URL fragment. */
   restore({ backdrop, ...given }) {
-    const { lights, setup } = this.server.scene;
+    const { lights, setup, physical } = this.server.scene;
+    this.ground.checked = physical && (given.ground ?? (setup.ground ? "on" : "off")) === "on";
     const { light, turn, stops } = { ...setup, ...given };
     this.backdrop.checked = backdrop === "env";
     this.set({ turn: Number(turn) || 0, stops: Number(stops) || 0 });
@@ -48,18 +51,23 @@ export class Light {
     const all = { light: this.id, turn: this.turn, stops: this.stops };
     const differs = ([name, value]) => value !== 0 || setup[name] !== 0;
     const changed = Object.fromEntries(Object.entries(all).filter(differs));
-    return this.backdrop.checked ? { ...changed, backdrop: "env" } : changed;
+    const ground = this.ground.checked === setup.ground ? {} : { ground: this.ground.checked ? "on" : "off" };
+    return { ...changed, ...ground, ...(this.backdrop.checked ? { backdrop: "env" } : {}) };
   }
 
   toggleBackdrop() {
-    this.backdrop.checked = !this.backdrop.checked;
-    this.changed();
+    this.backdrop.click();
+  }
+
+  toggleGround() {
+    if (!this.ground.parentElement.hidden) this.ground.click();
   }
 
   /** Query parameters. */
   query() {
     const { id: light, turn, stops } = this;
-    return { light, turn, stops, ...(this.backdrop.checked ? { backdrop: "env" } : {}) };
+    const boxes = { ...(this.backdrop.checked && { backdrop: "env" }), ...(this.ground.checked && { ground: "on" }) };
+    return { light, turn, stops, ...boxes };
   }
 
   addOption(label) {

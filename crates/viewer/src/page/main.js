@@ -83,7 +83,12 @@ async function start() {
     if (element("message").className === "stream") notify("");
     showStatus(frame, layer);
   };
-  stream.hasBackground = () => layer === "rgb" && !query().backdrop;
+  stream.background = () => {
+    const { backdrop, ground } = query();
+    // Layers and environments are framed in black; ground below a scene on black is white.
+    if (layer !== "rgb" || backdrop) return [0, 0, 0];
+    return ground && scene.background.every((channel) => channel === 0) ? [1, 1, 1] : scene.background;
+  };
   stream.onerror = (error) => notify(error.message, "stream");
   const state = () => ({
     ...camera.state(),
@@ -162,7 +167,7 @@ async function start() {
 
   const keys = { f: toggleMode, o: () => turntable.toggle(), r: home, u: undo, n: actions.next, p: actions.previous, h: togglePanel, "?": help };
   Object.assign(keys, { k: () => path.add(), " ": () => path.play(), t: () => training.toggle() });
-  Object.assign(keys, { x: () => showLayer("error"), v: toggleFullScreen, i: savePicture, b: () => light.toggleBackdrop() });
+  Object.assign(keys, { x: () => showLayer("error"), v: toggleFullScreen, i: savePicture, b: () => light.toggleBackdrop(), g: () => light.toggleGround() });
   Object.assign(keys, { "[": () => light.set({ turn: light.turn - 5 }), "]": () => light.set({ turn: light.turn + 5 }) });
   Object.assign(keys, { ",": () => light.set({ stops: light.stops - 0.25 }), ".": () => light.set({ stops: light.stops + 0.25 }) });
   for (let digit = 0; digit < 10; digit++) keys[digit] = () => showLayer(scene.layers[(digit + 9) % 10]);

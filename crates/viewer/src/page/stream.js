@@ -25,7 +25,7 @@ export class Stream {
     this.changedAt = 0;
     this.isOutdated = false;
     this.hasDraft = false;
-    this.hasBackground = () => true;
+    this.background = () => this.server.scene.background;
     this.request = null;
     this.shown = 0;
     this.burst = null;
@@ -128,10 +128,8 @@ export class Stream {
     const fit = Math.min(width / picture.width, height / picture.height);
     const [w, h] = [picture.width * fit, picture.height * fit].map(Math.round);
     const [x, y] = [Math.floor((width - w) / 2), Math.floor((height - h) / 2)];
-    // Layers and environments are framed in black.
-    const background = this.hasBackground() ? this.server.scene.background : [0, 0, 0];
     this.frame = { x: x / width, y: y / height, w: w / width, h: h / height };
-    context.fillStyle = `rgb(${background.map((c) => Math.round(255 * c)).join()})`;
+    context.fillStyle = `rgb(${this.background().map((c) => Math.round(255 * c)).join()})`;
     if (w < width || h < height) context.fillRect(0, 0, width, height);
     context.imageSmoothingEnabled = w !== picture.width;
     context.imageSmoothingQuality = "high";
