@@ -12,6 +12,8 @@ import specula_gs as sg
 # Pixels nearer to a cut than this, relative to it, may fall to either side in 32-bit floats.
 AT_A_CUT = 1e-3
 TOLERANCE = 1e-5
+# Of sums of a few 32-bit floats, relative to the largest.
+ROUNDING = 1e-6
 SIZE = (40, 30)
 
 
@@ -149,3 +151,50 @@ def test_no_gaussian_shows_the_background():
         **nothing, viewmats=viewmats, Ks=Ks, width=SIZE[0], height=SIZE[1], backgrounds=np.full((1, 3), 0.5)
     )
     assert (picture == 0.5).all() and not alphas.any()
+
+
+@pytest.mark.parametrize("channels", [1, 2, 5, 6])
+@pytest.mark.parametrize("render_mode", ["RGB", "RGB+ED", "D"])
+@pytest.mark.parametrize("is_each", [False, True])
+def test_features_of_any_number_of_channels_are_colours_three_at_a_time(channels, render_mode, is_each):
+    rng = np.random.default_rng(channels)
+    scene, (viewmats, Ks) = cloud(rng, 20), cameras(rng, 2, *SIZE)
+    count = len(scene["means"])
+    features = rng.uniform(size=(2, count, channels) if is_each else (count, channels)).astype(np.float32)
+    backgrounds = rng.uniform(size=(2, channels)).astype(np.float32)
+    has_colors, has_depths = "RGB" in render_mode, "D" in render_mode
+    options = dict(viewmats=viewmats, Ks=Ks, width=SIZE[0], height=SIZE[1])
+
+    def drawn(colors, backgrounds, mode):
+        behind = dict(backgrounds=backgrounds) if has_colors else {}
+        return sg.rasterization_vjp(**{**scene, "colors": colors}, **options, **behind, render_mode=mode)
+
+    pictures, alphas, _, vjp = drawn(features, backgrounds, render_mode)
+    assert pictures.shape == (2, SIZE[1], SIZE[0], channels * has_colors + has_depths)
+    grad = rng.normal(size=pictures.shape).astype(np.float32)
+    grad_alphas = rng.normal(size=alphas.shape).astype(np.float32)
+    found = vjp(grad, grad_alphas)
+    assert found.colors.shape == features.shape
+    if not has_colors:
+        assert not found.colors.any()
+        return
+    assert found.backgrounds.shape == backgrounds.shape
+    means = np.zeros_like(found.means)
+    for first in range(0, channels, 3):
+        taken = slice(first, min(first + 3, channels))
+        missing = 3 - (taken.stop - taken.start)
+        pad = lambda array: np.concatenate([array[..., taken], np.zeros((*array.shape[:-1], missing), np.float32)], axis=-1)
+        mode = render_mode if first == 0 else "RGB"
+        part, same_alphas, _, part_vjp = drawn(pad(features), pad(backgrounds), mode)
+        width = taken.stop - taken.start
+        assert np.array_equal(part[..., :width], pictures[..., taken]) and np.array_equal(alphas, same_alphas)
+        part_grad = pad(grad[..., :channels])
+        if "D" in mode:
+            assert np.array_equal(part[..., -1], pictures[..., -1])
+            part_grad = np.concatenate([part_grad, grad[..., -1:]], axis=-1)
+        one = part_vjp(part_grad, grad_alphas if first == 0 else None)
+        means += one.means
+        assert np.array_equal(one.colors[..., :width], found.colors[..., taken])
+        assert np.array_equal(one.backgrounds[:, :width], found.backgrounds[:, taken])
+    # The order of a few sums differs.
+    assert np.allclose(means, found.means, rtol=0, atol=ROUNDING * np.abs(means).max())

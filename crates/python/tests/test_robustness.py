@@ -73,7 +73,8 @@ def misuse(rng):
         array = array.copy()
         array.flat[rng.integers(array.size)] = rng.choice(WRONG_VALUES[name])
     elif kind == 2:
-        axis = rng.integers(array.ndim)
+        # Colours may have any number of channels.
+        axis = rng.integers(array.ndim - (name == "colors"))
         how = rng.integers(3)
         array = [np.delete(array, 0, axis), np.repeat(array, 2, axis), array[..., None, None]][how]
     else:

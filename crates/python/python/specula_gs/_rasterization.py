@@ -18,7 +18,7 @@ from ._errors import InvalidInput, Unsupported, UnsupportedKey
 RenderMode = Literal["RGB", "D", "ED", "RGB+D", "RGB+ED"]
 RasterizeMode = Literal["classic", "antialiased"]
 
-_CHANNELS = {"RGB": 3, "D": 1, "ED": 1, "RGB+D": 4, "RGB+ED": 4}
+_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
 
 
 class Meta(dict[str, Any]):
@@ -70,9 +70,47 @@ class Options:
     antialiased: bool
 
     @property
-    def channels(self) -> int:
-        """Channels of the pictures."""
-        return _CHANNELS[self.render_mode]
+    def has_colors(self) -> bool:
+        """Whether pictures have colours."""
+        return "RGB" in self.render_mode
+
+    @property
+    def has_depths(self) -> bool:
+        """Whether pictures have depths."""
+        return "D" in self.render_mode
+
+
+@dataclass
+class Part:
+    """Cameras that share colours, and three of their channels: one call of the rasteriser."""
+
+    cameras: slice
+    colors: slice
+    has_colors: bool
+    has_depths: bool
+    tape: _core.Tape | None
+
+    def vjp(self, grad_colors: Floats | None, grad_alphas: Floats | None) -> dict[str, Floats]:
+        """Gradients of the arguments of this call; those of missing channels are zeros."""
+        assert self.tape is not None
+        grad = None
+        if grad_colors is not None:
+            taken = []
+            if self.has_colors:
+                last = grad_colors.shape[-1] - self.has_depths
+                of_colors = grad_colors[self.cameras, ..., self.colors.start : min(self.colors.stop, last)]
+                taken.append(_padded(of_colors))
+            if self.has_depths:
+                taken.append(grad_colors[self.cameras, ..., -1:])
+            grad = np.ascontiguousarray(np.concatenate(taken, axis=-1) if len(taken) > 1 else taken[0])
+        is_first = self.colors.start == 0
+        return self.tape.vjp(grad, None if grad_alphas is None or not is_first else grad_alphas[self.cameras])
+
+
+def _padded(colors: Floats) -> Floats:
+    """Colours with a multiple of three channels."""
+    missing = -colors.shape[-1] % 3
+    return np.pad(colors, [(0, 0)] * (colors.ndim - 1) + [(0, missing)]) if missing else colors
 
 
 @dataclass
@@ -84,37 +122,33 @@ class Forward:
     radii: np.ndarray[Any, np.dtype[np.int32]]
     means2d: Floats
     depths: Floats
-    tapes: list[_core.Tape]
+    parts: list[Part]
     color_shape: tuple[int, ...]
+    color_channels: int
 
     def vjp(self, grad_colors: Floats | None, grad_alphas: Floats | None) -> dict[str, Floats]:
         """Gradients of the arguments from those of the pictures."""
-        if len(self.tapes) == 1:
-            return self._shaped(self.tapes[0].vjp(grad_colors, grad_alphas))
-        # Colours of each camera: one tape each.
-        total: dict[str, Floats] = {}
-        parts: dict[str, list[Floats]] = {name: [] for name in ("colors", "viewmats", "backgrounds", "means2d")}
-        for index, tape in enumerate(self.tapes):
-            one = slice(index, index + 1)
-            grads = tape.vjp(
-                None if grad_colors is None else grad_colors[one],
-                None if grad_alphas is None else grad_alphas[one],
-            )
-            for name, grad in grads.items():
-                if name in parts:
-                    parts[name].append(grad)
-                elif name in total:
-                    total[name] += grad
-                else:
-                    total[name] = grad
-        for name, arrays in parts.items():
-            if arrays:
-                total[name] = np.concatenate(arrays)
-        return self._shaped(total)
+        done = [(part, part.vjp(grad_colors, grad_alphas)) for part in self.parts]
+        total = {name: _sum([grads[name] for _, grads in done]) for name in ("means", "quats", "scales", "opacities")}
+        cameras = list(dict.fromkeys(part.cameras.start for part in self.parts))
+        of_camera = [[grads for part, grads in done if part.cameras.start == start] for start in cameras]
+        for name in ("viewmats", "means2d"):
+            if name in done[0][1]:
+                total[name] = _joined([_sum([grads[name] for grads in each]) for each in of_camera], axis=0)
+        for name in ("colors", "backgrounds"):
+            channels = [_joined([grads[name] for grads in each], axis=-1) for each in of_camera]
+            total[name] = _joined(channels, axis=0)
+        total["colors"] = self._colors(total["colors"])
+        total["backgrounds"] = total["backgrounds"][:, : self.color_channels]
+        return total
 
-    def _shaped(self, grads: dict[str, Floats]) -> dict[str, Floats]:
-        grads["colors"] = grads["colors"].reshape(self.color_shape)
-        return grads
+    def _colors(self, grads: Floats) -> Floats:
+        """Gradient in the shape of the colours; that of channels which are not drawn is zero."""
+        wanted = self.color_shape[-1]
+        grads = grads[..., :wanted]
+        missing = wanted - grads.shape[-1]
+        grads = np.pad(grads, [(0, 0), (0, missing)]) if missing else grads
+        return np.ascontiguousarray(grads).reshape(self.color_shape)
 
     def ids(self) -> tuple[np.ndarray[Any, np.dtype[np.int64]], np.ndarray[Any, np.dtype[np.int64]]]:
         """Cameras and Gaussians of the splats that are drawn."""
@@ -183,8 +217,8 @@ def options_of(
             raise Unsupported(f"{name}={value!r} is not supported; omit it")
     if _real(radius_clip, "radius_clip") != 0.0:
         raise Unsupported(f"radius_clip={radius_clip!r} is not supported; use 0")
-    if render_mode not in _CHANNELS:
-        raise Unsupported(f"render_mode {render_mode!r} is not supported; use {', '.join(_CHANNELS)}")
+    if render_mode not in _MODES:
+        raise Unsupported(f"render_mode {render_mode!r} is not supported; use {', '.join(_MODES)}")
     if rasterize_mode not in ("classic", "antialiased"):
         raise Unsupported(f"rasterize_mode {rasterize_mode!r} is not supported; use classic or antialiased")
     width, height = _whole(width, "width"), _whole(height, "height")
@@ -241,59 +275,82 @@ def forward(arguments: Arguments, options: Options, *, taped: bool, views: bool)
     Ks = shaped(Ks, "Ks", (cameras, 3, 3))
     colors = floats(colors, "colors")
     is_each = _check_colors(colors, count, cameras, options)
+    channels = colors.shape[-1]
     if backgrounds is not None:
-        backgrounds = shaped(backgrounds, "backgrounds", (cameras, 3 if "RGB" in options.render_mode else 1))
-        if options.channels == 1:
-            # Depths have no background.
-            backgrounds = None
+        backgrounds = shaped(backgrounds, "backgrounds", (cameras, channels if options.has_colors else 1))
+        # Depths have no background.
+        backgrounds = _padded(backgrounds) if options.has_colors else None
+    padded = _padded(colors)
 
-    def call(colors: Floats, one: slice) -> Any:
-        return _core.rasterize(
+    def call(cameras: slice, first: int) -> tuple[Any, Part]:
+        taken = slice(first, first + 3)
+        # Depths are in the first call.
+        mode = options.render_mode if first == 0 else "RGB"
+        drawn = _core.rasterize(
             means,
             quats,
             scales,
             opacities,
-            colors.reshape(-1, 3),
+            np.ascontiguousarray((padded[cameras.start] if is_each else padded)[..., taken]).reshape(-1, 3),
             options.sh_degree,
-            viewmats[one],
-            Ks[one],
-            None if backgrounds is None else backgrounds[one],
+            viewmats[cameras],
+            Ks[cameras],
+            None if backgrounds is None else np.ascontiguousarray(backgrounds[cameras, taken]),
             options.width,
             options.height,
             options.near_plane,
             options.far_plane,
             options.eps2d,
             options.antialiased,
-            options.render_mode,
+            mode,
             taped,
             views,
         )
+        return drawn, Part(cameras, taken, "RGB" in mode, "D" in mode, drawn[5])
 
-    if is_each:
-        parts = [call(colors[index], slice(index, index + 1)) for index in range(cameras)]
-    else:
-        parts = [call(colors, slice(None))]
+    alike = [slice(index, index + 1) for index in range(cameras)] if is_each else [slice(0, cameras)]
+    firsts = range(0, padded.shape[-1], 3) if options.has_colors else range(1)
+    calls = [[call(one, first) for first in firsts] for one in alike]
+
+    def pictures(drawn: list[Any]) -> Any:
+        """Pictures of some cameras from their channels."""
+        if len(drawn) == 1 and channels == 3:
+            return drawn[0][0]
+        colors = [picture[0][..., : 3 if options.has_colors else 0] for picture in drawn]
+        depths = drawn[0][0][..., -1:] if options.has_depths else drawn[0][0][..., :0]
+        return np.concatenate([np.concatenate(colors, axis=-1)[..., :channels], depths], axis=-1)
 
     def joined(position: int) -> Any:
-        arrays = [part[position] for part in parts]
-        return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+        return _joined([drawn[0][0][position] for drawn in calls], axis=0)
 
     return Forward(
-        colors=joined(0),
+        colors=_joined([pictures([drawn for drawn, _ in of_camera]) for of_camera in calls], axis=0),
         alphas=joined(1),
         radii=joined(2),
         means2d=joined(3),
         depths=joined(4),
-        tapes=[part[5] for part in parts if part[5] is not None],
+        parts=[part for of_camera in calls for _, part in of_camera],
         color_shape=colors.shape,
+        color_channels=channels,
     )
+
+
+def _joined(arrays: list[Any], axis: int) -> Any:
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays, axis=axis)
+
+
+def _sum(arrays: list[Any]) -> Any:
+    total = arrays[0]
+    for array in arrays[1:]:
+        total = total + array
+    return total
 
 
 def _check_colors(colors: Floats, count: int, cameras: int, options: Options) -> bool:
     """Whether there are colours for each camera; raises for other shapes."""
     shape = list(colors.shape)
     if options.sh_degree is None:
-        least, kinds = 2, "[N, 3] or [C, N, 3]"
+        least, kinds = 2, "[N, D] or [C, N, D]"
     else:
         least, kinds = 3, "[N, K, 3] or [C, N, K, 3]"
     is_each = colors.ndim == least + 1
@@ -304,9 +361,11 @@ def _check_colors(colors: Floats, count: int, cameras: int, options: Options) ->
             f"colors has the shape {shape} for {count} Gaussians and {cameras} cameras; use {kinds}"
             + (", or give sh_degree for harmonics" if options.sh_degree is None else "")
         )
-    if inner[-1] != 3:
-        raise Unsupported(f"colors has {inner[-1]} channels; use 3, others are not supported")
+    if inner[-1] == 0:
+        raise InvalidInput("colors has no channel")
     if options.sh_degree is not None:
+        if inner[-1] != 3:
+            raise Unsupported(f"harmonics have {inner[-1]} channels; use 3, others are not supported")
         needed = (options.sh_degree + 1) ** 2
         if inner[1] < needed:
             raise InvalidInput(f"sh_degree {options.sh_degree} needs {needed} coefficients; colors has {inner[1]}")
@@ -369,7 +428,8 @@ def rasterization(
         quats: [N, 4], rotations as w, x, y, z, of any length but 0.
         scales: [N, 3], standard deviations, above 0.
         opacities: [N], from 0 to 1.
-        colors: [N, 3] or [C, N, 3]; with `sh_degree`, harmonics [N, K, 3] or [C, N, K, 3].
+        colors: [N, D] or [C, N, D], D = 3 for colours, any for features, which take D / 3 passes;
+            with `sh_degree`, harmonics [N, K, 3] or [C, N, K, 3].
         viewmats: [C, 4, 4], from the world to the cameras.
         Ks: [C, 3, 3], intrinsics in pixels, without skew; they get no gradient.
         width, height: size of the pictures in pixels.
@@ -377,7 +437,7 @@ def rasterization(
         eps2d: variance that is added to splats, in square pixels; 0.3, or 0.1 if antialiased.
         sh_degree: harmonics to evaluate, 0 to 3; a colour is max(sum + 0.5, 0).
         packed: whether the arrays of `meta` have entries only for splats that are drawn.
-        backgrounds: [C, 3], colours behind the Gaussians.
+        backgrounds: [C, D], colours behind the Gaussians.
         render_mode: colours, accumulated depth D, expected depth ED, or both.
         rasterize_mode: "antialiased" compensates opacities for eps2d.
         tile_size, channel_chunk, segmented: without influence.
@@ -385,7 +445,7 @@ def rasterization(
     Other arguments are gsplat's and raise `Unsupported` unless they have their default.
 
     Returns:
-        Pictures [C, H, W, X], coverages [C, H, W, 1] and `Meta`. X is 3, 1 for depths, or 4.
+        Pictures [C, H, W, X], coverages [C, H, W, 1] and `Meta`. X is D, 1 for depths, or D + 1.
     """
     options = options_of(
         width=width,
@@ -478,8 +538,7 @@ def rasterization_vjp(
         background = grads.pop("backgrounds")
         if backgrounds is None:
             return Gradients(backgrounds=None, **grads)
-        is_colored = "RGB" in options.render_mode
-        return Gradients(backgrounds=background if is_colored else np.zeros((len(background), 1), np.float32), **grads)
+        return Gradients(backgrounds=background if options.has_colors else np.zeros((len(background), 1), np.float32), **grads)
 
     return done.colors, done.alphas, _meta_of(done, options), vjp
 

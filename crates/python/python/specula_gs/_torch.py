@@ -62,7 +62,7 @@ class _Pictures(torch.autograd.Function):
             # Another backward pass through the same graph adds its own.
             shared.grad_means2d = grad if shared.ids is None else grad[shared.ids]
         out = [None if not is_needed else _tensor(grads.get(name)) for name, is_needed in zip(_NAMES, needed)]
-        if needed[-1] and shared.options.channels == 1:
+        if needed[-1] and not shared.options.has_colors:
             out[-1] = torch.zeros((len(shared.done.radii), 1))
         return (None, shared.grad_means2d if means2d_needed else None, *out)
 
