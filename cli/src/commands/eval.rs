@@ -24,6 +24,7 @@ use specula_scene::{
     backdrop::{BackgroundChoice, BackgroundColor},
     camera_set::Split,
     dataset::{named_cameras, options_of},
+    following_light::FollowingLight,
     light_file::LightOptions,
     picture_folder::differences,
     text::shown,
@@ -182,7 +183,8 @@ fn measure_relit(
     up: Vec3,
     albedo_scale: Option<[f32; 3]>,
 ) -> Result<Vec<RelitScene>, Failure> {
-    let cameras = named_cameras(views);
+    let mut cameras = named_cameras(views);
+    cameras.iter_mut().for_each(|(_, camera)| camera.light_from_world = None);
     let background = background_of(opened, args.background);
     let renderer_under = |light: &Path, mut scene: Scene| -> Result<SceneRenderer, Failure> {
         relight(&mut scene, light, LightOptions::default(), up)?;
@@ -257,11 +259,14 @@ fn views_of(args: &Eval, opened: &OpenedModel, source: &Path) -> Result<(Vec<Vie
     let options = LoadOptions { with_test: true, ..info.map(options_of).unwrap_or_default() };
     let downscale = args.resolution.unwrap_or(options.downscale);
     let data = dataset::load(source, &LoadOptions { downscale, ..options })?;
-    let (views, truths): (Vec<View>, Vec<Materials>) = match Split::from(args.split) {
+    let (mut views, truths): (Vec<View>, Vec<Materials>) = match Split::from(args.split) {
         Split::Test => (data.test, data.test_materials),
         Split::Train => (data.train, Vec::new()),
         Split::All => (data.test.into_iter().chain(data.train).collect(), data.test_materials),
     };
+    if let Some(light) = FollowingLight::of_model(info)?.filter(|_| !opened.is_relit) {
+        views.iter_mut().for_each(|view| light.turn(&mut view.camera));
+    }
     if views.is_empty() {
         return Err(Failure::Input(format!(
             "no {} views in {source:?}; use --split train",

@@ -29,6 +29,7 @@ use specula_scene::{
     backdrop::BackgroundColor,
     capture::{Capture, Photograph, Reading},
     dataset::{InitialPoints, cloud_of},
+    following_light::{FollowingLight, LightFollows},
     foreground,
     light_file::MapUp,
     orientation::{self, of_gaussians, with_up},
@@ -105,10 +106,12 @@ impl Prepared {
         let mut data = load(&args, ranks.local, exchange)?;
         let is_object = data.holds_objects();
         let profile = profile_of(&args, &data)?;
+        let light = following_light(&args, &profile, &mut data)?;
         let background = background_of(&args, &data);
         let (iterations, seed) = (args.iterations, args.seed);
         let settings = Settings { profile, iterations, seed, background: background.0, random_points: 0 };
-        let info = info_of(&args, &settings, &data)?;
+        let mut info = info_of(&args, &settings, &data)?;
+        light.iter().for_each(|light| light.record(&mut info));
         let facts = data.describe(&settings, config::text_of(&args)?);
         let saved = if args.resuming.resume {
             Some(folder::read_checkpoint(&args, source_of(&args)?, &settings, is_object, &facts)?)
@@ -232,6 +235,34 @@ fn under_known_light(profile: Profile, reference: &LightReference, data: &Captur
     let radiance = latlong::to_cube(&map, light.resolution, MapUp::Scene.orientation(up));
     tracing::info!("light: {path:?}, not trained");
     Ok(profile.under(radiance))
+}
+
+/// Light that turns with the camera, if the options name one.
+fn following_light(args: &Train, profile: &Profile, data: &mut Capture) -> Result<Option<FollowingLight>, Failure> {
+    let follows = args.photographs.light_follows;
+    if follows == LightFollows::Scene {
+        return Ok(None);
+    }
+    if profile.light.is_none() {
+        return Err(Failure::Input(format!("--profile {} has no light; omit --light-follows", profile.name)));
+    }
+    let is_cut_out = data.holds_objects() || data.masks() > 0;
+    match (follows, is_cut_out) {
+        (LightFollows::Turntable, false) => Err(Failure::Input(
+            "--light-follows turntable needs pictures cut out by alpha or masks, since what is behind a turntable \
+             does not turn; add masks (docs/datasets.md), or omit the option"
+                .into(),
+        )),
+        (_, is_cut_out) => {
+            if !is_cut_out {
+                tracing::warn!(
+                    "no picture is cut out by alpha or masks, so --light-follows camera takes all that they show for \
+                     lit by lamps on the camera"
+                );
+            }
+            Ok(data.follow(follows))
+        }
+    }
 }
 
 /// Notes the bytes that a rank sent and the time that it waited.

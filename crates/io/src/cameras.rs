@@ -140,6 +140,7 @@ impl Entry {
             position: (DVec3::from(self.position) - moved).as_vec3(),
             focal_px: [self.fx, self.fy],
             principal_px: [self.cx.unwrap_or(centre_x), self.cy.unwrap_or(centre_y)],
+            light_from_world: None,
             near: NEAR,
             width: self.width,
             height: self.height,

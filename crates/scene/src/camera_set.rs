@@ -2,6 +2,7 @@
 
 use crate::{
     OpenedModel, SceneError,
+    following_light::FollowingLight,
     orbit::{DEFAULT_COUNT, DEFAULT_SIZE, near_plane, turntable},
     orientation,
 };
@@ -101,6 +102,11 @@ impl CameraSet {
         Ok(set)
     }
 
+    /// Keeps the light still in the scene, as one that replaces that of the training does.
+    pub fn keep_light_still(&mut self) {
+        self.cameras.iter_mut().for_each(|(_, camera)| camera.light_from_world = None);
+    }
+
     fn turn_upright(&mut self, up: Vec3) {
         let before = self.cameras.clone();
         self.cameras.iter_mut().for_each(|(_, camera)| *camera = camera.upright(up));
@@ -153,6 +159,9 @@ impl CameraSet {
         }
         if cameras.is_empty() {
             return Err(SceneError::NoViews(split.name()));
+        }
+        if let Some(light) = FollowingLight::of_model(opened.info.as_ref())?.filter(|_| !opened.is_relit) {
+            cameras.iter_mut().for_each(|(_, camera)| light.turn(camera));
         }
         Ok(Self { split: Some(split), ..Self::other(split.name(), cameras, opened) })
     }

@@ -12,7 +12,8 @@ pub use facts::Photograph;
 use crate::{
     SceneError,
     dataset::{InitialPoints, RANDOM_POINTS, points_of, summary, view_of},
-    orientation::{centre, estimate},
+    following_light::{FollowingLight, LightFollows},
+    orientation::{centre, estimate, up},
     training::{PictureSum, describe_pictures},
 };
 use core::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -139,6 +140,15 @@ impl Capture {
     /// Returns whether alpha cuts objects out of all training pictures.
     pub fn holds_objects(&self) -> bool {
         !self.train.is_empty() && self.train.iter().all(|photograph| photograph.has_alpha)
+    }
+
+    /// Turns the light of each picture with its camera. Returns the light; `None` if it stands still
+    /// in the scene.
+    pub fn follow(&mut self, follows: LightFollows) -> Option<FollowingLight> {
+        let up = self.orientation.as_ref().map_or(Vec3::Z, up);
+        let light = FollowingLight::new(follows, &self.train.first()?.camera, up)?;
+        self.train.iter_mut().chain(&mut self.test).for_each(|photograph| light.turn(&mut photograph.camera));
+        Some(light)
     }
 
     /// Returns whether any training picture shows any of these points, hidden or not.
@@ -274,7 +284,8 @@ fn opened(album: &Album, index: usize, photograph: &Photograph) -> Result<(View,
     let (mut view, _) = album.open(index)?;
     let materials = core::mem::take(&mut view.materials);
     let view = view_of(view);
-    let camera = Camera { near: photograph.camera.near, ..view.camera };
+    let Camera { near, light_from_world, .. } = photograph.camera;
+    let camera = Camera { near, light_from_world, ..view.camera };
     if camera != photograph.camera || crc32fast::hash(&view.rgba) != photograph.checksum {
         return Err(Error::Changed { path: album.path(index).to_owned() });
     }
