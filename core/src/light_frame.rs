@@ -75,8 +75,7 @@ impl<R: Real, L: LightLookups<R>> LightLookups<R> for Turned<R, L> {
 impl<R: Real, L: LightLookupGrads<R>> LightLookupGrads<R> for Turned<R, L> {
     #[inline(always)]
     fn look_up_vjp(&mut self, lookup: &L::Lookup, direction: Vec3<R>, roughness: R, grad: Vec3<R>) -> (Vec3<R>, R) {
-        let (direction, roughness) =
-            self.lookups.look_up_vjp(lookup, self.frame.to_light(direction), roughness, grad);
+        let (direction, roughness) = self.lookups.look_up_vjp(lookup, self.frame.to_light(direction), roughness, grad);
         (self.frame.to_light_vjp(direction), roughness)
     }
     #[inline(always)]

@@ -214,6 +214,11 @@ pub(crate) struct Photographs {
     #[arg(long, value_name = "scene|turntable|camera", default_value = LightFollows::Scene.name(), value_parser = light_follows)]
     #[serde(serialize_with = "as_name", skip_serializing_if = "is_still")]
     pub(crate) light_follows: LightFollows,
+    /// Table of pictures, groups and the degrees by which the object was turned in each group, under
+    /// one light; see docs/datasets.md.
+    #[arg(long, value_name = "FILE", conflicts_with = "light_follows")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) lights_by: Option<PathBuf>,
     /// Learn an affine colour map of each photograph, into exposure.json.
     #[arg(long)]
     pub(crate) exposure: bool,

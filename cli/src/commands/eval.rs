@@ -24,7 +24,6 @@ use specula_scene::{
     backdrop::{BackgroundChoice, BackgroundColor},
     camera_set::Split,
     dataset::{named_cameras, options_of},
-    following_light::FollowingLight,
     light_file::LightOptions,
     picture_folder::differences,
     text::shown,
@@ -258,15 +257,15 @@ fn views_of(args: &Eval, opened: &OpenedModel, source: &Path) -> Result<(Vec<Vie
     let info = opened.info.as_ref();
     let options = LoadOptions { with_test: true, ..info.map(options_of).unwrap_or_default() };
     let downscale = args.resolution.unwrap_or(options.downscale);
-    let data = dataset::load(source, &LoadOptions { downscale, ..options })?;
-    let (mut views, truths): (Vec<View>, Vec<Materials>) = match Split::from(args.split) {
+    let mut data = dataset::load(source, &LoadOptions { downscale, ..options })?;
+    if !is_other_source(source, opened) {
+        opened.give_lights(&mut data.test, &mut data.train)?;
+    }
+    let (views, truths): (Vec<View>, Vec<Materials>) = match Split::from(args.split) {
         Split::Test => (data.test, data.test_materials),
         Split::Train => (data.train, Vec::new()),
         Split::All => (data.test.into_iter().chain(data.train).collect(), data.test_materials),
     };
-    if let Some(light) = FollowingLight::of_model(info)?.filter(|_| !opened.is_relit) {
-        views.iter_mut().for_each(|view| light.turn(&mut view.camera));
-    }
     if views.is_empty() {
         return Err(Failure::Input(format!(
             "no {} views in {source:?}; use --split train",

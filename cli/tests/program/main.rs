@@ -10,6 +10,7 @@ mod end_to_end;
 mod eval;
 #[cfg(unix)]
 mod examples;
+mod following_light;
 mod export;
 mod glossy;
 mod known_light;

@@ -110,7 +110,7 @@ mod tests {
         let sky = Sky::new(&environment(32, |direction| [direction.x + 2.0, direction.y + 2.0, direction.z + 2.0]));
         assert_eq!(sky.clone().turned(&[]), sky);
         let quarters: Vec<Mat3> = (0..4).map(|k| Mat3::from_rotation_z(k as f32 * 1.570_796_4)).collect();
-        let [one, mean] = [&quarters[1..2], &quarters].map(|turns| sky.clone().turned(turns));
+        let [one, mean] = [&quarters[1..2], &quarters[..]].map(|turns| sky.clone().turned(turns));
         for direction in [Vec3::X, Vec3::new(0.5, -0.7, 0.6).normalize()] {
             let turned = quarters[1] * direction + 2.0;
             assert!((one.radiance(direction) - turned).length() < 0.2, "{}", one.radiance(direction));

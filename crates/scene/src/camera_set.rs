@@ -2,7 +2,6 @@
 
 use crate::{
     OpenedModel, SceneError,
-    following_light::FollowingLight,
     orbit::{DEFAULT_COUNT, DEFAULT_SIZE, near_plane, turntable},
     orientation,
 };
@@ -119,7 +118,7 @@ impl CameraSet {
             return Ok(Self::other("cameras", cameras, opened));
         }
         match choice.turntable {
-            None if !known.is_empty() => Self::of_split(choice.split, known.to_vec(), opened),
+            None if !known.is_empty() => Self::of_split(choice.split, opened.lit_cameras()?, opened),
             None if choice.split.is_some() => Err(SceneError::NoCameras),
             count => {
                 let orientation = opened.orientation(choice.up)?;
@@ -159,9 +158,6 @@ impl CameraSet {
         }
         if cameras.is_empty() {
             return Err(SceneError::NoViews(split.name()));
-        }
-        if let Some(light) = FollowingLight::of_model(opened.info.as_ref())?.filter(|_| !opened.is_relit) {
-            cameras.iter_mut().for_each(|(_, camera)| light.turn(camera));
         }
         Ok(Self { split: Some(split), ..Self::other(split.name(), cameras, opened) })
     }

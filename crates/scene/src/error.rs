@@ -46,9 +46,6 @@ pub enum SceneError {
     /// The files of a model name an unknown shading function.
     #[error("the model has the shading function {0:?}, which this version does not support; use a newer one")]
     UnknownShading(String),
-    /// The files of a model record a light that is not understood.
-    #[error("the model's light follows {0}, which this version does not support; use a newer one")]
-    UnknownLight(String),
     /// Physical materials of a scene without materials were requested.
     #[error("the scene was trained without physical materials")]
     NoMaterials,

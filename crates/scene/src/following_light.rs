@@ -12,14 +12,9 @@
 //! rotation about an axis that is left when the swing of the axis is taken away: the difference of
 //! the cameras' azimuths, whatever their elevations and their common roll.
 
-use crate::SceneError;
 use glam::{DMat3, DQuat, DVec3, Mat3, Vec3};
-use serde_json::{Value, json};
 use specula_core::camera::Camera;
-use specula_io::model_folder::ModelInfo;
 
-/// Key of `specula.json`.
-const KEY: &str = "light_follows";
 /// Squared length of a twist's quat below which the swing is by 180°, and the twist any.
 const TWIST_MIN: f64 = 1e-12;
 
@@ -77,38 +72,12 @@ impl FollowingLight {
         };
         DMat3::from_quat(turn).as_mat3()
     }
+}
 
-    /// Gives a camera the light of its picture.
-    pub fn turn(&self, camera: &mut Camera) {
-        camera.light_from_world = Some(self.light_from_world(camera));
-    }
-
-    /// Records the light in the facts of a model.
-    pub fn record(&self, info: &mut ModelInfo) {
-        let Self { follows, first, up } = self;
-        let light = json!({"follows": follows.name(), "first": first.to_cols_array(), "up": up.to_array()});
-        info.rest.insert(KEY.into(), light);
-    }
-
-    /// Light that a model records; `None` for one that stands still.
-    ///
-    /// # Errors
-    ///
-    /// [`SceneError::UnknownLight`] for a record that is no such light.
-    pub fn of_model(info: Option<&ModelInfo>) -> Result<Option<Self>, SceneError> {
-        let Some(light) = info.and_then(|info| info.rest.get(KEY)) else { return Ok(None) };
-        let numbers = |key: &str| -> Option<Vec<f32>> {
-            light.get(key)?.as_array()?.iter().map(|number| number.as_f64().map(|number| number as f32)).collect()
-        };
-        let read = || {
-            let follows = LightFollows::named(light.get("follows").and_then(Value::as_str)?)?;
-            let first = Mat3::from_cols_array(&numbers("first")?.try_into().ok()?);
-            let up = Vec3::from(<[f32; 3]>::try_from(numbers("up")?).ok()?);
-            let is_rotation = (first * first.transpose()).abs_diff_eq(Mat3::IDENTITY, 0.01) && up.is_normalized();
-            (is_rotation && follows != LightFollows::Scene).then_some(Self { follows, first, up })
-        };
-        read().map(Some).ok_or_else(|| SceneError::UnknownLight(light.to_string()))
-    }
+/// Rotation from world to light in a picture of an object that was turned about a unit axis, by
+/// degrees, counterclockwise from above.
+pub fn light_of_turned_object(up: Vec3, degrees: f64) -> Mat3 {
+    DMat3::from_axis_angle(up.as_dvec3(), degrees.to_radians()).as_mat3()
 }
 
 /// Twist of a rotation about a unit axis; none where the swing of the axis is by 180°.
@@ -164,17 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn lights_that_follow_are_recorded_and_others_are_not() {
+    fn a_light_that_stands_still_does_not_follow() {
         assert_eq!(FollowingLight::new(LightFollows::Scene, &camera(0.0, 0.0, 0.0), Vec3::Z), None);
-        let mut info = ModelInfo::default();
-        assert_eq!(FollowingLight::of_model(Some(&info)).expect("none is recorded"), None);
-        for follows in [LightFollows::Turntable, LightFollows::Camera] {
-            let light = FollowingLight::new(follows, &camera(3.0, 4.0, 5.0), Vec3::Y).expect("it follows");
-            light.record(&mut info);
-            assert_eq!(FollowingLight::of_model(Some(&info)).expect("it was recorded"), Some(light));
-        }
-        info.rest.insert(KEY.into(), json!({"follows": "moon", "first": [1.0; 9], "up": [0.0, 0.0, 1.0]}));
-        let error = FollowingLight::of_model(Some(&info)).expect_err("there is no such light");
-        assert!(error.to_string().contains("moon"), "{error}");
     }
 }
