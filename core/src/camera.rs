@@ -263,9 +263,7 @@ impl Camera {
     #[inline(always)]
     fn lift_light<R: Real>(&self, like: R) -> LightFrame<R> {
         match self.light_from_world {
-            Some(light_from_world) => {
-                LightFrame { light_from_world: Some(Mat3::constant(like, light_from_world)) }
-            }
+            Some(light_from_world) => LightFrame { light_from_world: Some(Mat3::constant(like, light_from_world)) },
             None => LightFrame::WORLD,
         }
     }

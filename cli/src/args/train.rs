@@ -4,8 +4,8 @@
 use super::{
     light_reference::LightReference,
     parse::{
-        address, count, downscale, error_bound, executor, light_follows, masks, positive, share, token, unknown_setting,
-        weight, whole_above_zero,
+        address, count, downscale, error_bound, executor, light_follows, masks, positive, share, token,
+        unknown_setting, weight, whole_above_zero,
     },
     preset::Preset,
     scene::ProfileName,

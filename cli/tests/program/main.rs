@@ -10,8 +10,8 @@ mod end_to_end;
 mod eval;
 #[cfg(unix)]
 mod examples;
-mod following_light;
 mod export;
+mod following_light;
 mod glossy;
 mod known_light;
 mod lamps;

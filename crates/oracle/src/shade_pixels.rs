@@ -169,9 +169,9 @@ pub fn shade_pixels_vjp<R: Number>(
     for index in 0..surface.pixel_count() {
         let blended = FramePixel { frame: surface, index };
         let view_dir = view_dir(camera, surface.width, index);
-        let mut lights = light.zip(light_grad.as_deref_mut()).map(|(light, grad)| {
-            (traced(&blended, view_dir, light, camera, rules), turned(camera, light, grad))
-        });
+        let mut lights = light
+            .zip(light_grad.as_deref_mut())
+            .map(|(light, grad)| (traced(&blended, view_dir, light, camera, rules), turned(camera, light, grad)));
         let mut grads = FramePixel { frame: &mut *grad, index };
         shading.shaded_vjp(&blended, view_dir, lights.as_mut().map(|(rays, light)| (&*rays, light)), &mut grads);
     }

@@ -225,7 +225,9 @@ const GROUPS: [(&str, core::ops::Range<usize>); 10] = [
 
 fn gradients_agree(shading: ShadingRules, layout: Layout, near_field: Option<&NearField<Vec<f32>>>, seed: u64) {
     let still = camera(40, 33);
-    [still, under_turned_light(still)].iter().for_each(|camera| gradients_agree_in(camera, shading, layout, near_field, seed));
+    [still, under_turned_light(still)]
+        .iter()
+        .for_each(|camera| gradients_agree_in(camera, shading, layout, near_field, seed));
 }
 
 fn gradients_agree_in(
@@ -254,9 +256,8 @@ fn gradients_agree_in(
     let target = exec.target(40, 33, &rgba).expect("the bytes fit");
     let view = Comparison { camera, target: &target, rules: &rules, weights: &weights };
     let (splats, grads, light_grad) = back_to_splats(&mut exec, &cloud, &light, &view);
-    let (grad, gaussian_light_grad) = exec
-        .gaussians_vjp(&cloud, camera, &splats, Some(&light), &rules, &weights, &grads)
-        .expect("the CPU goes back");
+    let (grad, gaussian_light_grad) =
+        exec.gaussians_vjp(&cloud, camera, &splats, Some(&light), &rules, &weights, &grads).expect("the CPU goes back");
     let light_grad = light_grad.or(gaussian_light_grad).expect("there is a light");
     let environment_grad = exec.prefilter_vjp(&environment, &light, &light_grad).expect("the CPU goes back");
 

@@ -229,8 +229,7 @@ impl PixelKernel {
             let (blended, view_dir, rays, frame) = self.take(inputs);
             let before = inputs.slice(count);
             let mut grads = BlendedNumbers { channels: self.shading.channels, numbers: before.to_vec() };
-            let mut lookups =
-                self.is_lit.then_some(Turned { lookups: TracedLookups { has_gradient: true }, frame });
+            let mut lookups = self.is_lit.then_some(Turned { lookups: TracedLookups { has_gradient: true }, frame });
             let light = lookups.as_mut().map(|lookups| (&rays, lookups));
             self.shading.shaded_vjp(&blended, view_dir, light, &mut grads);
             let changed = grads.numbers.into_iter().enumerate().filter(|(k, grad)| *grad != before[*k]);
