@@ -7,6 +7,7 @@
 use crate::{
     cutoffs::ProjectionModel,
     each,
+    light_frame::LightFrame,
     real::Real,
     vector::{Mat3, Vec3, vec3},
 };
@@ -33,6 +34,9 @@ pub struct Camera {
     pub width: u32,
     /// Rows.
     pub height: u32,
+    /// Rotation from world axes to those of the picture's light ([`mod@crate::light_frame`]);
+    /// `None` for a light that stands still in the world.
+    pub light_from_world: Option<GlamMat3>,
 }
 
 /// [`Camera::near`] of a scene with this camera extent: [`NEAR`], or less in a scene that is
@@ -98,6 +102,7 @@ impl Camera {
             near: NEAR,
             width,
             height,
+            light_from_world: None,
         }
     }
 
@@ -148,6 +153,7 @@ impl Camera {
             near: NEAR,
             width,
             height,
+            light_from_world: None,
         })
     }
 
@@ -249,6 +255,16 @@ impl Camera {
             principal_px: [like.constant(self.principal_px[0]), like.constant(self.principal_px[1])],
             slope_limit: [like.constant(limit_x), like.constant(limit_y)],
             near: like.constant(self.near),
+            light: self.lift_light(like),
+        }
+    }
+
+    /// Axes of the picture's light in the number type of formulas.
+    #[inline(always)]
+    fn lift_light<R: Real>(&self, like: R) -> LightFrame<R> {
+        match self.light_from_world {
+            Some(light_from_world) => LightFrame { light_from_world: Some(Mat3::constant(like, light_from_world)) },
+            None => LightFrame::WORLD,
         }
     }
 
@@ -282,6 +298,8 @@ pub struct CameraOf<R> {
     pub slope_limit: [R; 2],
     /// Near plane: only deeper Gaussians are drawn.
     pub near: R,
+    /// Axes of the picture's light.
+    pub light: LightFrame<R>,
 }
 
 impl<R: Real> CameraOf<R> {

@@ -19,7 +19,8 @@
 //! * [`attributes`]: stored planes to material, harmonics and channels, over any executor's memory
 //! * [`shade`]: materials and light to colours ([`normal`], [`sh`], [`split_sum`], [`color`]);
 //!   [`shade_pixels`], [`physical`]: the same pixel by pixel; [`near_field`]: surfaces that
-//!   reflected rays hit; [`lamps`]: suns and spheres that cast shadows
+//!   reflected rays hit; [`lamps`]: suns and spheres that cast shadows; [`light_frame`]: lights that
+//!   turn from picture to picture
 //! * [`bin`]: tiles that a splat touches; [`order`]: the order of splats in a pixel; [`blend`]: one
 //!   compositing step
 //! * [`expose`]: affine maps of a photograph's colours
@@ -98,6 +99,7 @@ pub mod expose;
 pub mod ggx;
 pub mod lamps;
 pub mod least_squares;
+pub mod light_frame;
 pub mod light_network;
 pub mod light_view;
 pub mod loss;

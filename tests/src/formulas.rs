@@ -1,6 +1,6 @@
 //! Formulas on the device against the same formulas on the host.
 
-use crate::strategies::random_cloud;
+use crate::strategies::{random_cloud, under_turned_light};
 use specula_core::{camera::Camera, double::Double, random, real::Real, scene::Layout};
 use specula_gpu::{
     GpuExecutor,
@@ -32,6 +32,13 @@ pub fn numbers_of(camera: &Camera) -> Vec<f32> {
 pub fn uniform_rows(seed: u64, bounds: &[[f32; 2]]) -> Vec<f32> {
     let draw = |k: usize, [low, high]: [f32; 2]| low + (high - low) * random::uniform(seed, 0, k as u64);
     (0..ROWS * bounds.len()).map(|k| draw(k, bounds[k % bounds.len()])).collect()
+}
+
+/// The rotation of a light in each row.
+pub fn light_frame_rows() -> Vec<f32> {
+    let frame = under_turned_light(camera(70, 45)).lift(0.0_f32).light;
+    let rows = frame.light_from_world.expect("it is turned").rows;
+    rows.iter().flat_map(|row| row.to_array()).collect::<Vec<f32>>().repeat(ROWS)
 }
 
 /// A Gaussian and the camera in each row.

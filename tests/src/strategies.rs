@@ -36,6 +36,12 @@ pub fn unit_vector() -> impl Strategy<Value = [f64; 3]> {
     })
 }
 
+/// The same camera in a picture whose light is turned against the world.
+pub fn under_turned_light(camera: Camera) -> Camera {
+    let turn = Quat::from_array([0.3, -0.5, 0.2, 0.7]).normalize();
+    Camera { light_from_world: Some(Mat3::from_quat(turn)), ..camera }
+}
+
 /// A vector of moderate length, never zero.
 pub fn any_vector() -> impl Strategy<Value = [f64; 3]> {
     (unit_vector(), -1.0..1.0_f64).prop_map(|(d, log_length)| d.map(|c| c * log_length.exp()))

@@ -9,7 +9,7 @@ use specula_core::{
     lamps::RAYS_MAX,
 };
 use specula_io::{budget::view_size, dataset::MaskUse};
-use specula_scene::{ExecutorChoice, device::InvalidExecutor};
+use specula_scene::{ExecutorChoice, device::InvalidExecutor, following_light::LightFollows};
 use std::net::ToSocketAddrs;
 
 pub(super) fn finite(text: &str) -> Result<f32, String> {
@@ -76,6 +76,10 @@ pub(super) fn token(text: &str) -> Result<String, String> {
     const LENGTH_MIN: usize = 8;
     let is_fine = text.len() >= LENGTH_MIN && text.bytes().all(|byte| byte.is_ascii_alphanumeric());
     if is_fine { Ok(text.to_owned()) } else { Err(format!("use {LENGTH_MIN} letters and digits or more")) }
+}
+
+pub(super) fn light_follows(text: &str) -> Result<LightFollows, String> {
+    LightFollows::named(text).ok_or_else(|| "expected scene, turntable or camera".into())
 }
 
 pub(super) fn masks(text: &str) -> Result<MaskUse, String> {

@@ -4,8 +4,8 @@
 use super::{
     light_reference::LightReference,
     parse::{
-        address, count, downscale, error_bound, executor, masks, positive, share, token, unknown_setting, weight,
-        whole_above_zero,
+        address, count, downscale, error_bound, executor, light_follows, masks, positive, share, token,
+        unknown_setting, weight, whole_above_zero,
     },
     preset::Preset,
     scene::ProfileName,
@@ -15,7 +15,10 @@ use clap::{Args, ValueEnum, builder::ArgPredicate};
 use core::{convert::Infallible, net::SocketAddr};
 use serde::{Serialize, Serializer};
 use specula_io::dataset::MaskUse;
-use specula_scene::{ExecutorChoice, backdrop::BackgroundColor, foreground::Foreground, orientation::UpDirection};
+use specula_scene::{
+    ExecutorChoice, backdrop::BackgroundColor, following_light::LightFollows, foreground::Foreground,
+    orientation::UpDirection,
+};
 use std::{
     io::IsTerminal,
     path::{Path, PathBuf},
@@ -206,9 +209,28 @@ pub(crate) struct Photographs {
     /// -y, or a vector.
     #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
     pub(crate) scene_up: Option<UpDirection>,
+    /// Light that stands still in the scene; turns about the up direction with the camera, as seen
+    /// by an object on a turntable; or moves with the camera, as a lamp on it does.
+    #[arg(long, value_name = "scene|turntable|camera", default_value = LightFollows::Scene.name(), value_parser = light_follows)]
+    #[serde(serialize_with = "as_name", skip_serializing_if = "is_still")]
+    pub(crate) light_follows: LightFollows,
+    /// Table of pictures, groups and the degrees by which the object was turned in each group, under
+    /// one light; see docs/datasets.md.
+    #[arg(long, value_name = "FILE", conflicts_with = "light_follows")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) lights_by: Option<PathBuf>,
     /// Learn an affine colour map of each photograph, into exposure.json.
     #[arg(long)]
     pub(crate) exposure: bool,
+}
+
+/// True for the default, which is not written to `config.toml`.
+fn is_still(follows: &LightFollows) -> bool {
+    *follows == LightFollows::Scene
+}
+
+fn as_name<S: Serializer>(follows: &LightFollows, out: S) -> Result<S::Ok, S::Error> {
+    out.serialize_str(follows.name())
 }
 
 /// Page that shows a training.

@@ -182,7 +182,8 @@ fn measure_relit(
     up: Vec3,
     albedo_scale: Option<[f32; 3]>,
 ) -> Result<Vec<RelitScene>, Failure> {
-    let cameras = named_cameras(views);
+    let mut cameras = named_cameras(views);
+    cameras.iter_mut().for_each(|(_, camera)| camera.light_from_world = None);
     let background = background_of(opened, args.background);
     let renderer_under = |light: &Path, mut scene: Scene| -> Result<SceneRenderer, Failure> {
         relight(&mut scene, light, LightOptions::default(), up)?;
@@ -256,7 +257,10 @@ fn views_of(args: &Eval, opened: &OpenedModel, source: &Path) -> Result<(Vec<Vie
     let info = opened.info.as_ref();
     let options = LoadOptions { with_test: true, ..info.map(options_of).unwrap_or_default() };
     let downscale = args.resolution.unwrap_or(options.downscale);
-    let data = dataset::load(source, &LoadOptions { downscale, ..options })?;
+    let mut data = dataset::load(source, &LoadOptions { downscale, ..options })?;
+    if !is_other_source(source, opened) {
+        opened.give_lights(&mut data.test, &mut data.train)?;
+    }
     let (views, truths): (Vec<View>, Vec<Materials>) = match Split::from(args.split) {
         Split::Test => (data.test, data.test_materials),
         Split::Train => (data.train, Vec::new()),

@@ -46,6 +46,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     let views = &if plan.has_ground() { over_ground(args, &opened) } else { args.views.clone() };
     refuse_options_without_light(plan.env(), (&args.env_options).into())?;
     let mut set = CameraSet::choose(&(&args.views).into(), &opened)?;
+    set.keep_light_still();
     note_turned(args.views.upright, &set);
     if let Some(count) = args.lights.turn_light {
         set = of_one_camera(set, count);

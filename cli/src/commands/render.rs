@@ -36,7 +36,10 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     let layers = video.as_ref().map_or(&args.layers[..], Video::layers);
     let ViewOptions { scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
-    let set = CameraSet::choose(&(&args.views).into(), &opened)?;
+    let mut set = CameraSet::choose(&(&args.views).into(), &opened)?;
+    if args.env.is_some() {
+        set.keep_light_still();
+    }
     note_turned(args.views.upright, &set);
     if let Some(video) = &video {
         video.note_cuts(&set);

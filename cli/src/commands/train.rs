@@ -23,12 +23,14 @@ use specula_io::{
     checkpoint::Facts,
     dataset::{LoadOptions, MaskUse},
     exposure, latlong,
+    light_table::LightTable,
     model_folder::{self, ModelInfo},
 };
 use specula_scene::{
     backdrop::BackgroundColor,
     capture::{Capture, Photograph, Reading},
     dataset::{InitialPoints, cloud_of},
+    following_light::LightFollows,
     foreground,
     light_file::MapUp,
     orientation::{self, of_gaussians, with_up},
@@ -105,6 +107,7 @@ impl Prepared {
         let mut data = load(&args, ranks.local, exchange)?;
         let is_object = data.holds_objects();
         let profile = profile_of(&args, &data)?;
+        turn_lights(&args, &profile, &mut data)?;
         let background = background_of(&args, &data);
         let (iterations, seed) = (args.iterations, args.seed);
         let settings = Settings { profile, iterations, seed, background: background.0, random_points: 0 };
@@ -232,6 +235,53 @@ fn under_known_light(profile: Profile, reference: &LightReference, data: &Captur
     let radiance = latlong::to_cube(&map, light.resolution, MapUp::Scene.orientation(up));
     tracing::info!("light: {path:?}, not trained");
     Ok(profile.under(radiance))
+}
+
+/// Turns the light of each picture, if the options say so.
+fn turn_lights(args: &Train, profile: &Profile, data: &mut Capture) -> Result<(), Failure> {
+    let Photographs { light_follows: follows, lights_by, .. } = &args.photographs;
+    let option = match (lights_by, *follows) {
+        (None, LightFollows::Scene) => return Ok(()),
+        (None, _) => "--light-follows",
+        (Some(_), _) => "--lights-by",
+    };
+    if profile.light.is_none() {
+        return Err(Failure::Input(format!("--profile {} has no light; omit {option}", profile.name)));
+    }
+    if !data.holds_objects() && data.masks() == 0 {
+        if *follows != LightFollows::Camera {
+            return Err(Failure::Input(format!(
+                "{option} needs pictures cut out by alpha or masks, since what is behind a turned object does not turn; \
+                 add masks (docs/datasets.md), or omit the option"
+            )));
+        }
+        tracing::warn!(
+            "no picture is cut out by alpha or masks, so --light-follows camera takes all that they show for lit by \
+             lamps on the camera"
+        );
+    }
+    match lights_by {
+        Some(path) => turn_by_table(path, data),
+        None => {
+            data.follow(*follows);
+            Ok(())
+        }
+    }
+}
+
+/// Turns the light of each picture by a table, which must know all of them.
+fn turn_by_table(path: &Path, data: &mut Capture) -> Result<(), Failure> {
+    let [lacking, unused] = data.turn_by(&LightTable::read(path)?);
+    if let Some(first) = lacking.first() {
+        let count = lacking.len();
+        return Err(Failure::Input(format!(
+            "{path:?} does not name {count} of the pictures, such as {first:?}; add a line for each"
+        )));
+    }
+    if let Some(first) = unused.first() {
+        tracing::warn!("{} lines of {path:?} name no picture, such as {first:?}", unused.len());
+    }
+    Ok(())
 }
 
 /// Notes the bytes that a rank sent and the time that it waited.

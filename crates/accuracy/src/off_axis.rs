@@ -85,6 +85,7 @@ impl ProjectedGaussian {
             position: Default::default(),
             focal_px: [FOCAL; 2],
             principal_px: [0.0; 2],
+            light_from_world: None,
             width: 1,
             height: 1,
             near: 0.0,

@@ -31,6 +31,9 @@ struct Entry {
     rotation: [[f32; 3]; 3],
     fy: f32,
     fx: f32,
+    /// Rows of the rotation from world to light, omitted for a light that stands still.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    light_rotation: Option<[[f32; 3]; 3]>,
     /// Principal point, omitted at the centre, where other tools expect it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     cx: Option<f32>,
@@ -121,6 +124,7 @@ impl Entry {
             rotation: camera.camera_from_world.to_cols_array_2d(),
             fy: camera.focal_px[1],
             fx: camera.focal_px[0],
+            light_rotation: camera.light_from_world.map(|light| light.transpose().to_cols_array_2d()),
             cx: off_centre.then_some(camera.principal_px[0]),
             cy: off_centre.then_some(camera.principal_px[1]),
         }
@@ -140,6 +144,7 @@ impl Entry {
             position: (DVec3::from(self.position) - moved).as_vec3(),
             focal_px: [self.fx, self.fy],
             principal_px: [self.cx.unwrap_or(centre_x), self.cy.unwrap_or(centre_y)],
+            light_from_world: self.light_rotation.and_then(rotation_of).map(|light| light.transpose()),
             near: NEAR,
             width: self.width,
             height: self.height,
@@ -148,21 +153,30 @@ impl Entry {
     }
 
     fn camera_from_world(&self) -> Option<Mat3> {
-        orthogonal(Mat3::from_cols_array_2d(&self.rotation).as_dmat3()).map(|(rotation, _)| rotation.as_mat3())
+        rotation_of(self.rotation)
     }
 
     fn fault(&self) -> Option<&'static str> {
-        let is_rotation = self.camera_from_world().is_some_and(|rotation| rotation.determinant() > 0.0);
+        let is_rotation = self.camera_from_world().is_some();
+        let is_light = self.light_rotation.is_none_or(|light| rotation_of(light).is_some());
         if !(self.fx > 0.0 && self.fy > 0.0 && self.fx.is_finite() && self.fy.is_finite()) {
             Some("has an impossible focal length; fx and fy must be above 0")
         } else if !self.position.iter().chain(&self.origin).all(|number| (*number as f32).is_finite()) {
             Some("has a position that is not finite")
         } else if !is_rotation {
             Some("has a rotation that stretches, skews or mirrors")
+        } else if !is_light {
+            Some("has a light_rotation that stretches, skews or mirrors")
         } else {
             None
         }
     }
+}
+
+/// Rotation with these columns; `None` for other matrices.
+fn rotation_of(columns: [[f32; 3]; 3]) -> Option<Mat3> {
+    let (rotation, _) = orthogonal(Mat3::from_cols_array_2d(&columns).as_dmat3())?;
+    (rotation.determinant() > 0.0).then(|| rotation.as_mat3())
 }
 
 /// Writes only the digits of an `f32`.

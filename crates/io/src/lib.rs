@@ -60,6 +60,7 @@ pub mod ktx;
 pub mod latlong;
 mod left_out;
 pub mod lens;
+pub mod light_table;
 mod listing;
 mod masks;
 pub mod materials;

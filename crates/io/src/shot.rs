@@ -175,6 +175,7 @@ pub(crate) fn camera_of(pose: &Pose, lens: &Lens) -> Camera {
         position: pose.position.as_vec3(),
         focal_px: lens.focal_px.map(|focal| focal as f32),
         principal_px: lens.principal_px.map(|principal| principal as f32),
+        light_from_world: None,
         near: NEAR,
         width: lens.width,
         height: lens.height,

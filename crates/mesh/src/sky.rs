@@ -1,6 +1,6 @@
 //! Distant light in few directions, on the host.
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 use specula_core::{
     cubemap::{FACE_COUNT, face_of, texel_direction, texel_index, texel_solid_angle},
@@ -34,6 +34,23 @@ impl Sky {
             *weight += angle;
         }
         Self { resolution: coarse, texels: sums.into_iter().map(|(sum, weight)| sum / weight).collect() }
+    }
+
+    /// Mean sky of pictures whose lights have these rotations from world axes; the same sky without
+    /// any.
+    #[must_use]
+    pub fn turned(self, lights_from_world: &[Mat3]) -> Self {
+        if lights_from_world.is_empty() {
+            return self;
+        }
+        let size = self.resolution;
+        let texel = |index: usize| {
+            let (face, row, column) = (index / size / size, index / size % size, index % size);
+            let direction = Vec3::from(texel_direction(face, column, row, size).map(|x| x as f32));
+            let sum: Vec3 = lights_from_world.iter().map(|turn| self.radiance(*turn * direction)).sum();
+            sum / lights_from_world.len() as f32
+        };
+        Self { resolution: size, texels: (0..self.texels.len()).map(texel).collect() }
     }
 
     /// Radiance from a direction of any length but zero; of an arbitrary direction if it is not
@@ -85,6 +102,20 @@ mod tests {
         }
         for irradiance in sky.irradiance(&normals) {
             assert!((irradiance / Vec3::new(1.0, 2.0, 3.0) - 1.0).length() < 0.01, "{irradiance}");
+        }
+    }
+
+    #[test]
+    fn a_sky_that_turns_is_a_mean() {
+        let sky = Sky::new(&environment(32, |direction| [direction.x + 2.0, direction.y + 2.0, direction.z + 2.0]));
+        assert_eq!(sky.clone().turned(&[]), sky);
+        let quarters: Vec<Mat3> = (0..4).map(|k| Mat3::from_rotation_z(k as f32 * 1.570_796_4)).collect();
+        let [one, mean] = [&quarters[1..2], &quarters[..]].map(|turns| sky.clone().turned(turns));
+        for direction in [Vec3::X, Vec3::new(0.5, -0.7, 0.6).normalize()] {
+            let turned = quarters[1] * direction + 2.0;
+            assert!((one.radiance(direction) - turned).length() < 0.2, "{}", one.radiance(direction));
+            let level = Vec3::new(2.0, 2.0, direction.z + 2.0);
+            assert!((mean.radiance(direction) - level).length() < 0.2, "{}", mean.radiance(direction));
         }
     }
 

@@ -34,7 +34,7 @@ impl View {
 
     /// Depth of a point and index of its pixel; `None` for a point outside of the picture.
     pub(crate) fn pixel(&self, point: Vec3) -> Option<(f32, usize)> {
-        let Camera { camera_from_world, position, focal_px, principal_px, near, width, height } = self.camera;
+        let Camera { camera_from_world, position, focal_px, principal_px, near, width, height, .. } = self.camera;
         let in_camera = camera_from_world * (point - position);
         if !(in_camera.z > near) {
             return None;

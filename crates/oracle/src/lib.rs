@@ -40,7 +40,7 @@ use specula_core::{
         AttributeGrads, AttributePlanes, GaussianShading, LayerChannels, LightSample, LookupGrad, PoseGrad,
         ShadedGaussian, shape_vjp,
     },
-    camera::Camera,
+    camera::{Camera, CameraOf},
     cutoffs::{BlendOrder, Cutoffs, ProjectionModel},
     loss::LossWeights,
     near_field::NearField,
@@ -51,7 +51,6 @@ use specula_core::{
     scene::{Environment, Gaussians, MEAN, QUAT},
     shade::Terms,
     splat::{Splat, SplatGrad},
-    vector::Vec3,
 };
 use std::sync::Arc;
 
@@ -104,7 +103,7 @@ pub fn shade<R: Number>(
     let channels = |index: usize| {
         let planes = gaussian(gaussians, index);
         let channels = if gaussians.layout.is_shaded() {
-            let (shaded, terms) = shaded_and_terms(&shading, &planes, camera.position, light);
+            let (shaded, terms) = shaded_and_terms(&shading, &planes, &camera, light);
             shading.surface_channels(&shaded, &terms, &camera)
         } else {
             shading.color_channels(&planes, &camera).0
@@ -146,13 +145,14 @@ fn blended(shading: &GaussianShading) -> Channels {
 fn shaded_and_terms<R: Number>(
     shading: &GaussianShading,
     planes: &impl AttributePlanes<R>,
-    eye: Vec3<R>,
+    camera: &CameraOf<R>,
     light: Option<&Light<R>>,
 ) -> (ShadedGaussian<R>, Terms<R>) {
-    let shaded = shading.shaded(planes, eye);
-    let mut sample = LightSample::none(eye.x);
+    let shaded = shading.shaded(planes, camera.position);
+    let mut sample = LightSample::none(camera.near);
     if let Some(light) = light.filter(|_| shading.looks_light_up()) {
-        sample.specular = look_up(light, shaded.surface.reflection_dir, shaded.surface.roughness);
+        let direction = camera.light.to_light(shaded.surface.reflection_dir);
+        sample.specular = look_up(light, direction, shaded.surface.roughness);
     }
     let terms = shaded.terms(&sample);
     (shaded, terms)
@@ -170,22 +170,25 @@ pub fn shade_vjp<R: Number>(
     mut light_grad: Option<&mut LightGrad<R>>,
 ) {
     let shading = shading(gaussians, rules);
-    let eye = camera.lift(R::of(0.0)).position;
+    let camera = camera.lift(R::of(0.0));
+    let eye = camera.position;
     for (index, grads) in grad_channels.iter().enumerate() {
         let mut channels = LayerChannels([R::of(0.0); Channels::Layers.count()]);
         channels.0[..grads.len()].copy_from_slice(grads);
         let planes = gaussian(gaussians, index);
         let mut out = AddedGrads { gaussians: out, index };
         let pose = if gaussians.layout.is_shaded() {
-            let (shaded, terms) = shaded_and_terms(&shading, &planes, eye, light);
+            let (shaded, terms) = shaded_and_terms(&shading, &planes, &camera, light);
             let grad = shading.terms_vjp(&terms, &channels);
             let mut lookup = LookupGrad { specular: None, ambient: None };
             let light = light.filter(|_| shading.looks_light_up());
             if let (Some(light), Some(light_grad)) = (light, light_grad.as_deref_mut()) {
-                let (direction, roughness) = (shaded.surface.reflection_dir, shaded.surface.roughness);
+                let direction = camera.light.to_light(shaded.surface.reflection_dir);
+                let roughness = shaded.surface.roughness;
                 let found = light.view().look_up(direction, roughness);
-                let grad = light.view().look_up_vjp(&found, roughness, grad.specular_light, &mut light_grad.texels);
-                lookup.specular = Some(grad);
+                let (direction, roughness) =
+                    light.view().look_up_vjp(&found, roughness, grad.specular_light, &mut light_grad.texels);
+                lookup.specular = Some((camera.light.to_light_vjp(direction), roughness));
             }
             shading.surface_vjp(&planes, eye, &shaded, &grad, &channels, &lookup, &mut out)
         } else {

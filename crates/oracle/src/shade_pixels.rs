@@ -10,6 +10,7 @@ use crate::number::Number;
 use core::borrow::{Borrow, BorrowMut};
 use specula_core::{
     camera::Camera,
+    light_frame::Turned,
     light_view::{LightLookup, LightView, TexelMap},
     near_field::{Reflection, ray_origin},
     pixel_light::{BlendedGrads, BlendedPixel, LightLookupGrads, LightLookups, PixelRays, PixelShading},
@@ -116,6 +117,11 @@ impl<R: Number> LightLookupGrads<R> for Lookups<'_, R, &mut LightGrad<R>> {
     }
 }
 
+/// Lookups in the frame of a picture's light.
+fn turned<'a, R: Number, G>(camera: &Camera, light: &'a Light<R>, grad: G) -> Turned<R, Lookups<'a, R, G>> {
+    Turned { lookups: Lookups { light: light.view(), grad }, frame: camera.lift(R::of(0.0)).light }
+}
+
 /// Direction from a pixel to the eye.
 fn view_dir<R: Number>(camera: &Camera, width: usize, index: usize) -> Vec3<R> {
     let center = |index: usize| R::of(index as f64 + 0.5);
@@ -137,7 +143,7 @@ pub fn shade_pixels<R: Number>(
             Some(light) => {
                 let view_dir = view_dir(camera, surface.width, index);
                 let rays = traced(&blended, view_dir, light, camera, rules);
-                shading.shaded(&blended, view_dir, &rays, &Lookups { light: light.view(), grad: () })
+                shading.shaded(&blended, view_dir, &rays, &turned(camera, light, ()))
             }
             None => shading.unlit(&blended),
         };
@@ -163,9 +169,9 @@ pub fn shade_pixels_vjp<R: Number>(
     for index in 0..surface.pixel_count() {
         let blended = FramePixel { frame: surface, index };
         let view_dir = view_dir(camera, surface.width, index);
-        let mut lights = light.zip(light_grad.as_deref_mut()).map(|(light, grad)| {
-            (traced(&blended, view_dir, light, camera, rules), Lookups { light: light.view(), grad })
-        });
+        let mut lights = light
+            .zip(light_grad.as_deref_mut())
+            .map(|(light, grad)| (traced(&blended, view_dir, light, camera, rules), turned(camera, light, grad)));
         let mut grads = FramePixel { frame: &mut *grad, index };
         shading.shaded_vjp(&blended, view_dir, lights.as_mut().map(|(rays, light)| (&*rays, light)), &mut grads);
     }

@@ -101,6 +101,11 @@ impl CameraSet {
         Ok(set)
     }
 
+    /// Keeps the light still in the scene, as one that replaces that of the training does.
+    pub fn keep_light_still(&mut self) {
+        self.cameras.iter_mut().for_each(|(_, camera)| camera.light_from_world = None);
+    }
+
     fn turn_upright(&mut self, up: Vec3) {
         let before = self.cameras.clone();
         self.cameras.iter_mut().for_each(|(_, camera)| *camera = camera.upright(up));
@@ -113,7 +118,7 @@ impl CameraSet {
             return Ok(Self::other("cameras", cameras, opened));
         }
         match choice.turntable {
-            None if !known.is_empty() => Self::of_split(choice.split, known.to_vec(), opened),
+            None if !known.is_empty() => Self::of_split(choice.split, opened.lit_cameras()?, opened),
             None if choice.split.is_some() => Err(SceneError::NoCameras),
             count => {
                 let orientation = opened.orientation(choice.up)?;

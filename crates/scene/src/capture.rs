@@ -12,7 +12,8 @@ pub use facts::Photograph;
 use crate::{
     SceneError,
     dataset::{InitialPoints, RANDOM_POINTS, points_of, summary, view_of},
-    orientation::{centre, estimate},
+    following_light::{FollowingLight, LightFollows, light_of_turned_object},
+    orientation::{centre, estimate, up},
     training::{PictureSum, describe_pictures},
 };
 use core::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -23,6 +24,7 @@ use specula_core::camera::{Camera, near_of};
 use specula_io::{
     Error, checkpoint,
     dataset::{Album, LoadOptions, note_changes, note_missing_normals},
+    light_table::LightTable,
     materials::Materials,
     orientation::Orientation,
 };
@@ -139,6 +141,32 @@ impl Capture {
     /// Returns whether alpha cuts objects out of all training pictures.
     pub fn holds_objects(&self) -> bool {
         !self.train.is_empty() && self.train.iter().all(|photograph| photograph.has_alpha)
+    }
+
+    /// Turns the light of each picture with its camera, unless it stands still in the scene.
+    pub fn follow(&mut self, follows: LightFollows) {
+        let up = self.orientation.as_ref().map_or(Vec3::Z, up);
+        let light = self.train.first().and_then(|first| FollowingLight::new(follows, &first.camera, up));
+        for Photograph { camera, .. } in self.train.iter_mut().chain(&mut self.test) {
+            camera.light_from_world = light.map(|light| light.light_from_world(camera));
+        }
+    }
+
+    /// Turns the light of each picture by a table. Returns the names of pictures that the table
+    /// lacks, and those of the table that are no pictures.
+    pub fn turn_by(&mut self, table: &LightTable) -> [Vec<String>; 2] {
+        let up = self.orientation.as_ref().map_or(Vec3::Z, up);
+        let (mut lacking, mut unused) = (Vec::new(), table.names());
+        for (index, Photograph { name, camera, .. }) in self.train.iter_mut().chain(&mut self.test).enumerate() {
+            match table.turn_of(self.album.path(index)) {
+                Some((used, degrees)) => {
+                    camera.light_from_world = Some(light_of_turned_object(up, degrees));
+                    unused.retain(|name| *name != used);
+                }
+                None => lacking.push(name.clone()),
+            }
+        }
+        [lacking, unused.into_iter().map(str::to_owned).collect()]
     }
 
     /// Returns whether any training picture shows any of these points, hidden or not.
@@ -274,7 +302,8 @@ fn opened(album: &Album, index: usize, photograph: &Photograph) -> Result<(View,
     let (mut view, _) = album.open(index)?;
     let materials = core::mem::take(&mut view.materials);
     let view = view_of(view);
-    let camera = Camera { near: photograph.camera.near, ..view.camera };
+    let Camera { near, light_from_world, .. } = photograph.camera;
+    let camera = Camera { near, light_from_world, ..view.camera };
     if camera != photograph.camera || crc32fast::hash(&view.rgba) != photograph.checksum {
         return Err(Error::Changed { path: album.path(index).to_owned() });
     }

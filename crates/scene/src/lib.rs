@@ -27,7 +27,7 @@
 //! | module | content |
 //! |---|---|
 //! | [`training`] | trainings with checkpoints, resuming, and the CPU as a fallback |
-//! | [`dataset`], [`orientation`], [`foreground`] | inputs of trainings |
+//! | [`dataset`], [`orientation`], [`foreground`], [`following_light`] | inputs of trainings |
 //! | [`camera_set`], [`orbit`] | cameras of a model, of a file, or around a scene |
 //! | [`backdrop`], [`layer`], [`rendering`], [`picture_folder`] | pictures as files |
 //! | [`light_file`], [`environment`], [`prefiltered`] | lights from files, and for other programs |
@@ -44,6 +44,7 @@ pub mod device;
 pub mod environment;
 mod error;
 pub mod export;
+pub mod following_light;
 pub mod foreground;
 mod framing;
 pub mod fusion;

@@ -7,6 +7,7 @@ use crate::{
     orbit::{self, near_plane, turntable},
     orientation::{of_gaussians, recorded_or_estimated, with_up},
 };
+use glam::Mat3;
 use serde_json::Value;
 use specula_core::camera::{Camera, near_of};
 use specula_cpu::morton::sort_in_space;
@@ -19,8 +20,11 @@ use specula_io::{
     orientation::{Orientation, UpSource},
     origin, within,
 };
-use specula_train::view::extent_of_cameras;
-use std::path::{Path, PathBuf};
+use specula_train::view::{View, extent_of_cameras};
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+};
 
 /// Scene of a trained model, and the facts in its folder.
 #[derive(Debug)]
@@ -118,20 +122,53 @@ impl OpenedModel {
     }
 
     /// Cameras of the model's folder, test views first, with near planes proportional to their
-    /// spread; empty if there are none.
+    /// spread, under a light that stands still; empty if there are none.
     ///
     /// # Errors
     ///
     /// A `cameras.json` that cannot be read.
     pub fn cameras(&self) -> Result<Vec<NamedCamera>> {
+        let mut cameras = self.lit_cameras()?;
+        cameras.iter_mut().for_each(|(_, camera)| camera.light_from_world = None);
+        Ok(cameras)
+    }
+
+    /// [`OpenedModel::cameras`] under the light of their own pictures, unless another light
+    /// replaced that of the training.
+    ///
+    /// # Errors
+    ///
+    /// A `cameras.json` that cannot be read.
+    pub fn lit_cameras(&self) -> Result<Vec<NamedCamera>> {
         let Some(file) = self.folder.as_ref().map(|folder| folder.join("cameras.json")) else { return Ok(Vec::new()) };
         if !within::holds(&file)? {
             return Ok(Vec::new());
         }
         let mut cameras = cameras::read(&file)?;
         let near = near_of(extent_of_cameras(cameras.iter().map(|(_, camera)| camera)));
-        cameras.iter_mut().for_each(|(_, camera)| camera.near = near);
+        let light_of = |camera: &Camera| camera.light_from_world.filter(|_| !self.is_relit);
+        cameras.iter_mut().for_each(|(_, camera)| {
+            *camera = Camera { near, light_from_world: light_of(camera), ..*camera };
+        });
         Ok(cameras)
+    }
+
+    /// Gives views of the training's data set the lights of their pictures.
+    ///
+    /// # Errors
+    ///
+    /// A `cameras.json` that cannot be read.
+    pub fn give_lights(&self, test: &mut [View], train: &mut [View]) -> Result<()> {
+        let mut held_out = self.lit_cameras()?;
+        let trained = held_out.split_off(self.test_views().map_or(0, |count| count.min(held_out.len())));
+        for (views, own, others) in [(test, &held_out, &trained), (train, &trained, &held_out)] {
+            let lights: HashMap<&str, Option<Mat3>> =
+                others.iter().chain(own).map(|(name, camera)| (name.as_str(), camera.light_from_world)).collect();
+            for view in views {
+                view.camera.light_from_world = lights.get(view.name.as_str()).copied().flatten();
+            }
+        }
+        Ok(())
     }
 
     /// Cameras of the held-out views; all cameras if none are held out.

@@ -2,6 +2,7 @@
 //! light of physical materials.
 
 use core::num::NonZero;
+use glam::Mat3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use specula_core::{
     camera::Camera,
@@ -83,6 +84,11 @@ pub struct Surroundings {
     pub near_field: NearField<Vec<f32>>,
     /// Light that reaches physical materials.
     pub ambient: Option<Ambient>,
+}
+
+/// Rotations of the lights of some views, if they turn.
+pub(crate) fn lights_from_world(cameras: &[Camera]) -> Vec<Mat3> {
+    evenly_spaced(cameras, VIEWS_MAX).iter().filter_map(|camera| camera.light_from_world).collect()
 }
 
 /// Sets the ambient transfer of physical Gaussians: the mean of those of the nearest vertices, or 1

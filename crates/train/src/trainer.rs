@@ -415,7 +415,10 @@ impl<E: Executor> Trainer<E> {
         let rules = RenderRules { is_lit: false, ..self.rules_at(iteration, Channels::Training) };
         let mut gaussians = download_gaussians(&mut self.exec, &self.state.scene.gaussians)?;
         let sky = match &self.state.scene.light {
-            Some((light, _)) if gaussians.layout.is_physical => Some(Sky::new(&download_light(&mut self.exec, light)?)),
+            Some((light, _)) if gaussians.layout.is_physical => {
+                let sky = Sky::new(&download_light(&mut self.exec, light)?);
+                Some(sky.turned(&near_field::lights_from_world(&self.cameras[0])))
+            }
             _ => None,
         };
         let scene = &self.state.scene.gaussians;

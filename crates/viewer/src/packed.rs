@@ -548,6 +548,7 @@ impl PackedView {
             position: self.position.into(),
             focal_px: self.focal,
             principal_px: self.principal,
+            light_from_world: None,
             near: self.near,
             width,
             height,

@@ -297,11 +297,13 @@ fn lit_vjp<S: Simd>(
     let mut lookup = LookupGrad { specular: None, ambient: None };
     if let (Some(found), Some(light)) = (&lit.specular, scene.gaussian_light()) {
         let grad_light = each!(grad.specular_light, g => g.keep(out.is_touched));
-        lookup.specular = Some(look_up_vjp(simd, light, found, surface.roughness, grad_light, light_grad));
+        let (direction, roughness) = look_up_vjp(simd, light, found, surface.roughness, grad_light, light_grad);
+        lookup.specular = Some((camera.light.to_light_vjp(direction), roughness));
     }
     if let (Some(found), Some(light)) = (&lit.ambient, scene.light) {
         let grad_light = each!(grad.ambient_light, g => g.keep(out.is_touched));
         let (normal, _) = look_up_vjp(simd, light, found, surface.roughness, grad_light, light_grad);
+        let normal = camera.light.to_light_vjp(normal);
         lookup.ambient = Some((normal, split_sum_vjp(simd, surface.n_dot_v, surface.roughness, grad.split_sum)));
     }
     scene.shading.surface_vjp(planes, camera.position, &lit.shaded, &grad, &grads.channels, &lookup, out)

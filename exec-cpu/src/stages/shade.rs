@@ -128,12 +128,14 @@ impl<S: Simd> Lit<S> {
         let surface = &shaded.surface;
         #[expect(clippy::manual_map, reason = "a closure is compiled without the context's vector features")]
         let specular = match scene.gaussian_light() {
-            Some(light) => Some(look_up(simd, light, surface.reflection_dir, surface.roughness)),
+            Some(light) => Some(look_up(simd, light, camera.light.to_light(surface.reflection_dir), surface.roughness)),
             None => None,
         };
         let is_official = scene.shading.rules.shading.form == ShadingForm::Official;
         let ambient = match scene.light {
-            Some(light) if is_official => Some(look_up_irradiance(simd, light, surface.facing.normal)),
+            Some(light) if is_official => {
+                Some(look_up_irradiance(simd, light, camera.light.to_light(surface.facing.normal)))
+            }
             _ => None,
         };
         let light = LightSample {

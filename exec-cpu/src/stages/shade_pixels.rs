@@ -19,6 +19,7 @@ use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, CameraOf},
+    light_frame::Turned,
     pixel_light::{LightLookupGrads, LightLookups, PixelRays, PixelShading, ShadedPixel},
     rules::{Channels, RenderRules, channel},
     vector::Vec3,
@@ -206,7 +207,7 @@ fn shade_tile<S: Simd>(
         }
         return;
     };
-    let light = QuadLight { simd, light: lighting.light };
+    let light = Turned { lookups: QuadLight { simd, light: lighting.light }, frame: camera.light };
     for quad in 0..QUADS {
         let Some(SurfaceQuad { blended, view_dir }) = SurfaceQuad::new(simd, tile, quad, origin, camera) else {
             shaded[quad * RGB..(quad + 1) * RGB].as_flattened_mut().fill(0.0);
@@ -260,7 +261,8 @@ fn tile_vjp<S: Simd>(
         let mut grads = BlendedQuad::new(simd, &mut *grad, quad);
         match lighting {
             Some(lighting) => {
-                let mut light = QuadLightGrad { simd, light: lighting.light, grad: light_grad };
+                let lookups = QuadLightGrad { simd, light: lighting.light, grad: light_grad };
+                let mut light = Turned { lookups, frame: camera.light };
                 let rays = lighting.rays(simd, quad);
                 shading.shaded_vjp(&blended, view_dir, Some((&rays, &mut light)), &mut grads);
             }

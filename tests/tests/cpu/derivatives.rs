@@ -22,12 +22,14 @@ use specula_core::{
     environment,
     expose::{self, Exposure},
     ggx,
+    light_frame::{LightFrame, Turned},
     light_network::{self, Answers, DEGREES, HIDDEN_MAX, NUMBER_MAX, WEIGHT_COUNT, WEIGHT_MAX},
     light_view::{LightView, TexelMap},
     loss::{self, NormalForm, NormalPatch},
     near_field::Reflection,
     normal::{self, AxisRule},
     physical::{self, PixelFacing, PixelLight},
+    pixel_light::{LightLookupGrads, LightLookups},
     prefilter::{self, Level, Levels, PrefilterScheme},
     project::{self, Shape},
     real::Real,
@@ -44,7 +46,7 @@ use specula_tests::{
     compare::SAME_DERIVATIVE,
     derivative::{assert_vjp, random_cotangent},
     number::{Number, numbers_of, take3, take9, vector},
-    pixels::{PIXEL_LEN, PixelCase, SMOOTH_LEN},
+    pixels::{GivenLight, PIXEL_LEN, PixelCase, SMOOTH_LEN},
     strategies::{any_vector, camera, log_scales, quat, random_environment, rotation, same_every_time, unit_vector},
 };
 
@@ -433,6 +435,51 @@ proptest! {
                 SAME_DERIVATIVE,
             );
         }
+    }
+
+    #[test]
+    fn lookups_of_turned_lights_are_derived_right(
+        turn in rotation(),
+        direction in unit_vector(),
+        roughness in 0.0..1.0_f64,
+        numbers in vec(0.05..0.6_f64, PIXEL_LEN),
+    ) {
+        fn frame<R: Real>(turn: glam::Mat3, like: R) -> LightFrame<R> {
+            LightFrame { light_from_world: Some(Mat3::constant(like, turn)) }
+        }
+        /// Light of a pixel that looks along directions of the world.
+        fn turned<R: Number>(turn: glam::Mat3, numbers: &[f64]) -> Turned<R, GivenLight<R>> {
+            let numbers: Vec<R> = numbers.iter().map(|x| R::of(*x)).collect();
+            let light = PixelCase::all().iter().find_map(|case| case.parts(&numbers).1).expect("one is lit");
+            Turned { lookups: light, frame: frame(turn, numbers[0]) }
+        }
+        assert_vjp(
+            &direction,
+            |x| frame(turn, x[0]).to_light(take3(x)).to_array().to_vec(),
+            |x, g| frame(turn, x[0]).to_light_vjp(take3(g)).to_array().to_vec(),
+            SAME_DERIVATIVE,
+        );
+        assert_vjp(
+            &[&direction[..], &[roughness]].concat(),
+            |x| turned(turn, &numbers).look_up(take3(x), x[3]).to_array().to_vec(),
+            |x, g| {
+                let mut light = turned(turn, &numbers);
+                let found = light.look_up(take3(x), x[3]);
+                let (direction, roughness) = light.look_up_vjp(&found, take3(x), x[3], take3(g));
+                join(&[&direction.to_array(), &[roughness]])
+            },
+            SAME_DERIVATIVE,
+        );
+        assert_vjp(
+            &direction,
+            |x| turned(turn, &numbers).look_up_irradiance(take3(x)).to_array().to_vec(),
+            |x, g| {
+                let mut light = turned(turn, &numbers);
+                let found = light.look_up_irradiance(take3(x));
+                light.look_up_irradiance_vjp(&found, take3(x), take3(g)).to_array().to_vec()
+            },
+            SAME_DERIVATIVE,
+        );
     }
 
     /// Beyond the levels, too, where the roughness has no gradient.

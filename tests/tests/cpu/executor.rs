@@ -43,7 +43,7 @@ use specula_tests::{
     independent::{rays, surface::gaussians},
     near_fields::{polished, random_near_field},
     plain::{self, lift_environment, lift_gaussians, prefilter},
-    strategies::{random_cloud, random_environment},
+    strategies::{random_cloud, random_environment, under_turned_light},
     stress::{Case, every_case, results::Results, too_many_splats},
 };
 use specula_train::{
@@ -109,10 +109,11 @@ fn a_shaded_frame_is_that_of_the_plain_pipeline_in_every_layer() {
         (4, ShadingRules::PAPER, Layout { low_pass: LowPass::Compensated, ..plain }),
         (5, ShadingRules::PHYSICAL, Layout::shaded(None).physical()),
         (6, ShadingRules::PHYSICAL, plain.physical().antialiased()),
+        (9, ShadingRules::PAPER, plain),
     ] {
         let activation = [RadianceActivation::Identity, RadianceActivation::Exponential][seed as usize % 2];
         let (cloud, environment) = (random_cloud(80, layout, seed), random_environment(RESOLUTION, activation, seed));
-        let camera = camera(70, 45);
+        let camera = if seed % 3 == 0 { under_turned_light(camera(70, 45)) } else { camera(70, 45) };
         let mut exec = CpuExecutor::new();
         let light =
             exec.prefilter(&environment, PrefilterScheme::Exact, LevelRange::ALL).expect("16 is a power of two");
@@ -223,6 +224,19 @@ const GROUPS: [(&str, core::ops::Range<usize>); 10] = [
 ];
 
 fn gradients_agree(shading: ShadingRules, layout: Layout, near_field: Option<&NearField<Vec<f32>>>, seed: u64) {
+    let still = camera(40, 33);
+    [still, under_turned_light(still)]
+        .iter()
+        .for_each(|camera| gradients_agree_in(camera, shading, layout, near_field, seed));
+}
+
+fn gradients_agree_in(
+    camera: &Camera,
+    shading: ShadingRules,
+    layout: Layout,
+    near_field: Option<&NearField<Vec<f32>>>,
+    seed: u64,
+) {
     let cloud = random_cloud(40, layout, seed);
     let cloud = if near_field.is_some() { polished(cloud) } else { cloud };
     assert_eq!(GROUPS[9].1.end, layout.sh_end(), "no plane is left out");
@@ -230,7 +244,7 @@ fn gradients_agree(shading: ShadingRules, layout: Layout, near_field: Option<&Ne
     let rules = RenderRules { traces_near: near_field.is_some(), ..rules(shading, Channels::Training) };
     // Every other scene is overexposed.
     let saturates = seed.is_multiple_of(2);
-    let (camera, weights) = (camera(40, 33), LossWeights { saturates, ..weights() });
+    let weights = LossWeights { saturates, ..weights() };
     let mut rgba: Vec<u8> = (0..40 * 33 * 4).map(|k| (k * 37 % 251) as u8).collect();
     if saturates {
         rgba.chunks_exact_mut(8).for_each(|two| two[..4].fill(255));
@@ -240,11 +254,10 @@ fn gradients_agree(shading: ShadingRules, layout: Layout, near_field: Option<&Ne
     let light = exec.prefilter(&environment, rules.scheme, rules.levels).expect("16 is a power of two");
     let light = near_field.map_or(light.clone(), |near_field| surrounded(&mut exec, light, near_field));
     let target = exec.target(40, 33, &rgba).expect("the bytes fit");
-    let view = Comparison { camera: &camera, target: &target, rules: &rules, weights: &weights };
+    let view = Comparison { camera, target: &target, rules: &rules, weights: &weights };
     let (splats, grads, light_grad) = back_to_splats(&mut exec, &cloud, &light, &view);
-    let (grad, gaussian_light_grad) = exec
-        .gaussians_vjp(&cloud, &camera, &splats, Some(&light), &rules, &weights, &grads)
-        .expect("the CPU goes back");
+    let (grad, gaussian_light_grad) =
+        exec.gaussians_vjp(&cloud, camera, &splats, Some(&light), &rules, &weights, &grads).expect("the CPU goes back");
     let light_grad = light_grad.or(gaussian_light_grad).expect("there is a light");
     let environment_grad = exec.prefilter_vjp(&environment, &light, &light_grad).expect("the CPU goes back");
 
@@ -259,7 +272,7 @@ fn gradients_agree(shading: ShadingRules, layout: Layout, near_field: Option<&Ne
         alpha: Some(rgba.chunks_exact(4).map(|pixel| Double(f64::from(pixel[3]) / 255.0)).collect()),
         background: BACKGROUND,
     };
-    let view = plain::View { camera: &camera, target: &target, rules: &rules, weights: &weights, near_field };
+    let view = plain::View { camera, target: &target, rules: &rules, weights: &weights, near_field };
     let operator = plain::Operator::new(RESOLUTION);
     let lifted = (lift_environment(&environment), lift_gaussians(&cloud));
     let tolerance = if shading == ShadingRules::PHYSICAL { SAME_PHYSICAL_GRADIENT } else { SAME_GRADIENT };

@@ -62,6 +62,7 @@ fn straight(focal: [f32; 2]) -> Camera {
         position: glam::Vec3::ZERO,
         focal_px: focal,
         principal_px: [50.0, 40.0],
+        light_from_world: None,
         width: 100,
         height: 80,
         near: 0.0,

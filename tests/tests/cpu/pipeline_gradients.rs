@@ -24,7 +24,7 @@ use specula_tests::{
         self, FrozenWeights, Light, Operator, Target, View, lift_environment, lift_gaussians, loss_and_gradient,
         prefilter,
     },
-    strategies::{random_cloud, random_environment},
+    strategies::{random_cloud, random_environment, under_turned_light},
 };
 
 /// Resolution of differences of a loss near 1 in `f64`, relative to the largest gradient of an
@@ -265,6 +265,19 @@ fn gradients_of_physical_materials_are_right() {
     let mut scene = Scene::new(6, layout, RadianceActivation::Exponential, NormalForm::Cosine);
     scene.rules.shading = ShadingRules::PHYSICAL;
     gaussian_gradients_are_right(&scene, &PHYSICAL);
+}
+
+#[test]
+fn gradients_under_turned_lights_are_right() {
+    for (shading, layout, attributes) in [
+        (ShadingRules::PAPER, Layout::shaded(Some(1)), &SHADED[..]),
+        (ShadingRules::PHYSICAL, Layout::shaded(None).physical(), &PHYSICAL[..]),
+    ] {
+        let mut scene = Scene::new(6, layout, RadianceActivation::Exponential, NormalForm::Cosine);
+        scene.rules.shading = shading;
+        scene.camera = under_turned_light(scene.camera);
+        gaussian_gradients_are_right(&scene, attributes);
+    }
 }
 
 /// Plain Gaussians have no gradient from normals: only from colours and coverage.

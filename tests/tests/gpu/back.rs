@@ -32,9 +32,12 @@ use specula_gpu::{
 use specula_tests::{
     compare::{ROUNDING_F32, relative_difference},
     device::executor,
-    formulas::{ROWS, assert_every_formula_has_a_case, assert_same, camera, gaussian_rows, side_by_side, uniform_rows},
+    formulas::{
+        ROWS, assert_every_formula_has_a_case, assert_same, camera, gaussian_rows, light_frame_rows, side_by_side,
+        uniform_rows,
+    },
     plain::{self, lift, lift_gaussians},
-    strategies::{random_cloud, random_environment},
+    strategies::{random_cloud, random_environment, under_turned_light},
 };
 
 /// Gradients of a small picture in `f32`, number by number, relative to the largest of its kind: a
@@ -87,11 +90,14 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
 
     for (shading, channels) in every_shading() {
         let rows = side_by_side(&gaussian_rows(shading.layout), &unit(4, GEOMETRY + channels));
-        assert_same(gpu, &PlanesVjp { shading, is_lit: false }, &rows);
+        assert_same(gpu, &PlanesVjp { shading, is_lit: false, is_turned: false }, &rows);
         if shading.looks_light_up() {
             let rows = side_by_side(&rows, &uniform_rows(5, &[[0.0, 2.0]; 8]));
             assert_same(gpu, &LookupVjp(shading), &rows);
-            assert_same(gpu, &PlanesVjp { shading, is_lit: true }, &side_by_side(&rows, &unit(6, 9)));
+            let rows = side_by_side(&rows, &unit(6, 9));
+            assert_same(gpu, &PlanesVjp { shading, is_lit: true, is_turned: false }, &rows);
+            let rows = side_by_side(&rows, &light_frame_rows());
+            assert_same(gpu, &PlanesVjp { shading, is_lit: true, is_turned: true }, &rows);
         }
     }
     let physical = Layout::shaded(Some(1)).physical();
@@ -494,6 +500,10 @@ fn gradients_of_gaussians_under_a_light_are_those_of_the_cpu() {
         for count in [0, 90] {
             let scene = Scene::new(count, layout, rules, [70, 45], seed).lit(seed);
             assert_same_gradients(&mut gpu, &mut cpu, &scene, &WEIGHTS, SAME_GRADIENT_UNDER_LIGHT);
+            if count > 0 && !rules.is_deferred(layout) {
+                let turned = Scene { camera: under_turned_light(scene.camera), ..scene };
+                assert_same_gradients(&mut gpu, &mut cpu, &turned, &WEIGHTS, SAME_GRADIENT_UNDER_LIGHT);
+            }
         }
     }
 }

@@ -35,7 +35,7 @@ use specula_tests::{
     near_fields::{polished, random_near_field},
     number::{Number, vector},
     plain,
-    strategies::{random_cloud, random_environment},
+    strategies::{random_cloud, random_environment, under_turned_light},
 };
 
 /// Sums of some thousand products, each executor's in its own order, as a share of the largest.
@@ -540,6 +540,13 @@ fn pixels_give_back_what_they_do_on_the_cpu() {
         near_field: Some(random_near_field(60, 40)),
         ..Scene::physical(Channels::Training, 40)
     });
+    for scene in [
+        Scene::among_triangles(Channels::Training, 50),
+        Scene::physical(Channels::Training, 51),
+        Scene::new(80, [70, 45], rules(Channels::Layers, PrefilterScheme::Official), 52),
+    ] {
+        scenes.push(Scene { camera: under_turned_light(scene.camera), ..scene });
+    }
     for scene in scenes {
         println!("{:?}, {:?}, lit {}", scene.channels(), scene.rules.scheme, scene.rules.is_lit);
         let grad = scene.grad_of_picture();
@@ -561,6 +568,8 @@ fn pixels_give_back_what_plain_loops_do() {
     );
     gives_back_what_plain_loops_do(&mut gpu, &Scene::among_triangles(Channels::Training, 10));
     gives_back_what_plain_loops_do(&mut gpu, &Scene::physical(Channels::Training, 11));
+    let scene = Scene::physical(Channels::Training, 12);
+    gives_back_what_plain_loops_do(&mut gpu, &Scene { camera: under_turned_light(scene.camera), ..scene });
 }
 
 #[track_caller]

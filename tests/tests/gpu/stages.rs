@@ -29,10 +29,10 @@ use specula_tests::{
     compare::{assert_all_close, assert_psnr, psnr},
     device::{executor, executor_in_chunks_of},
     formulas::{
-        ROWS, assert_every_formula_has_a_case, assert_same, camera, gaussian_rows, numbers_of, side_by_side,
-        uniform_rows,
+        ROWS, assert_every_formula_has_a_case, assert_same, camera, gaussian_rows, light_frame_rows, numbers_of,
+        side_by_side, uniform_rows,
     },
-    strategies::{random_cloud, random_environment},
+    strategies::{random_cloud, random_environment, under_turned_light},
 };
 
 /// Both executors round a few hundred operations, each in its own order; a pixel on the other side
@@ -95,7 +95,9 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
     for rules in [ShadingRules::PAPER, ShadingRules::OFFICIAL, ShadingRules::DEFERRED] {
         let shading = shading(rules, Channels::Layers);
         assert_same(gpu, &ColorsOf(shading), &rows);
-        assert_same(gpu, &SurfaceOf(shading), &rows);
+        assert_same(gpu, &SurfaceOf { shading, is_turned: false }, &rows);
+        let turned = side_by_side(&rows, &light_frame_rows());
+        assert_same(gpu, &SurfaceOf { shading, is_turned: true }, &turned);
         let light = uniform_rows(8, &[[0.0, 2.0]; 8]);
         assert_same(gpu, &LitColorsOf(shading), &side_by_side(&rows, &light));
     }
@@ -212,6 +214,12 @@ fn both_executors_render_the_same_pictures() {
         let (ours, theirs) = (scene.picture(&mut gpu), scene.picture(&mut cpu));
         println!("{:?} {:?}: {:.1} dB", rules.shading.form, rules.channels, psnr(&ours, &theirs));
         assert_psnr(&ours, &theirs, SAME_FRAME);
+        if rules.channels == Channels::Training && rules.is_lit && layout.is_shaded() {
+            let turned = Scene { camera: under_turned_light(scene.camera), ..scene };
+            let (ours, still) = (turned.picture(&mut gpu), theirs);
+            assert_psnr(&ours, &turned.picture(&mut cpu), SAME_FRAME);
+            assert!(psnr(&ours, &still) < SAME_FRAME, "the light is turned");
+        }
     }
 }
 

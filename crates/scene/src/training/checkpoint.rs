@@ -131,11 +131,13 @@ fn checksum<'a>(pictures: impl Iterator<Item = PictureSum<'a>>) -> String {
     let mut sum = crc32fast::Hasher::new();
     for PictureSum { name, camera, pixels } in pictures {
         // The near plane follows from the cameras' positions.
-        let Camera { camera_from_world, position, focal_px, principal_px, near: _, width, height } = *camera;
+        let Camera { camera_from_world, position, focal_px, principal_px, near: _, width, height, light_from_world } =
+            *camera;
         let numbers = camera_from_world.to_cols_array().into_iter().chain(position.to_array());
+        let light = light_from_world.iter().flat_map(glam::Mat3::to_cols_array);
         sum.update(name.as_bytes());
         [width, height].iter().for_each(|size| sum.update(&size.to_le_bytes()));
-        numbers.chain(focal_px).chain(principal_px).for_each(|number| sum.update(&number.to_le_bytes()));
+        numbers.chain(focal_px).chain(principal_px).chain(light).for_each(|number| sum.update(&number.to_le_bytes()));
         let len = 4 * u64::from(width) * u64::from(height);
         sum.combine(&crc32fast::Hasher::new_with_initial_len(pixels, len));
     }

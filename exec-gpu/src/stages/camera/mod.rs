@@ -9,6 +9,7 @@ use core::ops::Range;
 use specula_core::{
     bin::tile_count,
     camera::{Camera, CameraOf},
+    light_frame::LightFrame,
     real::Real,
     vector::{Mat3, Vec3},
 };
@@ -31,8 +32,17 @@ uniform! {
         tiles: [u32; 2],
         size: [u32; 2],
         padding_size: [u32; 2],
+        light_x: [f32; 3],
+        padding_light_x: u32,
+        light_y: [f32; 3],
+        padding_light_y: u32,
+        light_z: [f32; 3],
+        padding_light_z: u32,
     }
 }
+
+/// Rows of the rotation of a light that stands still.
+const IDENTITY: [[f32; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 impl CameraUniform {
     /// Camera for `gaussian_count` Gaussians.
@@ -43,6 +53,8 @@ impl CameraUniform {
     pub(crate) fn with_range(camera: &Camera, gaussians: Range<usize>) -> Self {
         let lifted = camera.lift(0.0_f32);
         let [row_x, row_y, row_z] = lifted.camera_from_world.rows.map(Vec3::to_array);
+        let [light_x, light_y, light_z] =
+            lifted.light.light_from_world.map_or(IDENTITY, |light| light.rows.map(Vec3::to_array));
         Self {
             row_x,
             gaussian_count: gaussians.len() as u32,
@@ -58,6 +70,12 @@ impl CameraUniform {
             tiles: [tile_count(camera.width), tile_count(camera.height)],
             size: [camera.width, camera.height],
             padding_size: [0; 2],
+            light_x,
+            padding_light_x: 0,
+            light_y,
+            padding_light_y: 0,
+            light_z,
+            padding_light_z: 0,
         }
     }
     /// Number of tiles of the image.
@@ -93,7 +111,7 @@ pub(crate) fn camera_fields() -> [Field; 8] {
     ]
 }
 
-/// Reads a camera from a formula's inputs.
+/// Reads a camera from a formula's inputs, without its light ([`take_light_frame`]).
 pub(crate) fn take_camera<R: Real>(inputs: &mut Inputs<'_, R>) -> CameraOf<R> {
     CameraOf {
         camera_from_world: Mat3 { rows: [inputs.vec3(), inputs.vec3(), inputs.vec3()] },
@@ -102,5 +120,18 @@ pub(crate) fn take_camera<R: Real>(inputs: &mut Inputs<'_, R>) -> CameraOf<R> {
         principal_px: inputs.array(),
         slope_limit: inputs.array(),
         near: inputs.number(),
+        light: LightFrame::WORLD,
     }
+}
+
+/// Frame of the light of the shader's variable `camera` as parameters, if the light is turned.
+pub(crate) fn light_frame_fields(is_turned: bool) -> impl Iterator<Item = Field> {
+    let rows = is_turned.then(|| ["camera.light_x", "camera.light_y", "camera.light_z"]);
+    rows.into_iter().flatten().map(|row| variable(row, 3))
+}
+
+/// Reads [`light_frame_fields`] from a formula's inputs.
+pub(crate) fn take_light_frame<R: Real>(inputs: &mut Inputs<'_, R>, is_turned: bool) -> LightFrame<R> {
+    let rows = is_turned.then(|| [inputs.vec3(), inputs.vec3(), inputs.vec3()]);
+    LightFrame { light_from_world: rows.map(|rows| Mat3 { rows }) }
 }

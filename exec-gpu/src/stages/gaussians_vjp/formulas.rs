@@ -4,7 +4,7 @@ use crate::{
     codegen::formula::{Field, Inputs, call, fields, formula, variable},
     stages::{
         blend_vjp::formulas::GEOMETRY,
-        camera::take_camera,
+        camera::{light_frame_fields, take_camera, take_light_frame},
         gaussians::{Planes, planes_field},
         shade::formulas::{ColorsOf, light_fields, take_light},
     },
@@ -53,13 +53,17 @@ pub struct PlanesVjp {
     pub shading: GaussianShading,
     /// True if it looked up a light.
     pub is_lit: bool,
+    /// Whether that light is turned against the world.
+    pub is_turned: bool,
 }
 
 impl PlanesVjp {
     /// Light that the Gaussian looked up, and the gradients through it.
     fn lookup_fields(&self) -> Vec<Field> {
         match self.is_lit {
-            true => fields!(..light_fields(), of_specular: 4, of_ambient: 3, of_split_sum: 2),
+            true => fields!(
+                ..light_fields(), of_specular: 4, of_ambient: 3, of_split_sum: 2, ..light_frame_fields(self.is_turned)
+            ),
             false => Vec::new(),
         }
     }
@@ -71,6 +75,9 @@ impl PlanesVjp {
         }
         let light = take_light(inputs);
         let (specular, ambient) = ((inputs.vec3(), inputs.number()), (inputs.vec3(), inputs.array()));
+        let frame = take_light_frame(inputs, self.is_turned);
+        let specular = (frame.to_light_vjp(specular.0), specular.1);
+        let ambient = (frame.to_light_vjp(ambient.0), ambient.1);
         let has_ambient = self.shading.rules.shading.form == ShadingForm::Official;
         (light, LookupGrad { specular: Some(specular), ambient: has_ambient.then_some(ambient) })
     }

@@ -18,7 +18,7 @@ use crate::{
         gaussians::planes,
         light::{LightGrad, LightLayout, split_sums_vjp, sums::LightSums},
         prefilter::Light,
-        shade::gaussian_light,
+        shade::{formulas::SurfaceOf, gaussian_light},
     },
 };
 use formulas::{AttributeLossesVjp, LookupVjp, PlanesVjp};
@@ -36,7 +36,8 @@ const UNLIT_PLANES: &str = "fn store_plane_grads() {\n    planes_vjp();\n}\n";
 
 /// Kernel of a shading; without a light, Gaussians looked up none.
 pub(crate) fn source(planes_vjp: &PlanesVjp, light: Option<&LightLayout>) -> String {
-    let shading = &planes_vjp.shading;
+    let PlanesVjp { shading, is_turned, .. } = planes_vjp;
+    let surface = SurfaceOf { shading: *shading, is_turned: *is_turned };
     let source = Source::new()
         .real()
         .part(camera)
@@ -44,7 +45,7 @@ pub(crate) fn source(planes_vjp: &PlanesVjp, light: Option<&LightLayout>) -> Str
         .count("SPLAT_PLANES", GEOMETRY + shading.channels().count())
         .formula(planes_vjp);
     let source = match light {
-        Some(light) => gaussian_light(light.lookup_vjp(source), shading)
+        Some(light) => gaussian_light(light.lookup_vjp(source), &surface)
             .formula(&LookupVjp(*shading))
             .part(split_sums_vjp)
             .with(include_str!("gaussian_light_vjp.wgsl")),
@@ -91,7 +92,8 @@ pub(crate) fn gaussians_vjp(
     debug_assert_eq!(inputs.grads.channels, shading.channels().count(), "gradients have the blended channels");
     let light = inputs.light.filter(|_| shading.looks_light_up());
     let sums = light.map(|light| LightSums::new(context, &light.layout)).transpose()?;
-    let planes = PlanesVjp { shading, is_lit: light.is_some() };
+    let is_turned = light.is_some() && camera.light_from_world.is_some();
+    let planes = PlanesVjp { shading, is_lit: light.is_some(), is_turned };
     let values = context.allocate_like("gradients", &gaussians.values)?;
     let light_layout = light.map(|light| &light.layout);
     let key = format!("{planes:?} {light_layout:?}");

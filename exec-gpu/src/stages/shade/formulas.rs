@@ -3,7 +3,7 @@
 use crate::{
     codegen::formula::{Field, Inputs, fields, formula},
     stages::{
-        camera::{camera_fields, take_camera},
+        camera::{camera_fields, light_frame_fields, take_camera, take_light_frame},
         gaussians::{Planes, planes_field},
     },
 };
@@ -51,17 +51,24 @@ formula!(ColorsOf, |this, inputs| colors_of(..planes_field(this.0.layout), ..cam
     }
 });
 
-/// Directions and roughness with which a Gaussian looks up the light
+/// Directions, in the frame of the light, and roughness with which a Gaussian looks up the light
 /// ([`specula_core::shade::surface`]).
 #[derive(Clone, Copy, Debug)]
-pub struct SurfaceOf(pub GaussianShading);
+pub struct SurfaceOf {
+    /// Shading of the Gaussian.
+    pub shading: GaussianShading,
+    /// Whether the light is turned against the world.
+    pub is_turned: bool,
+}
 
-formula!(SurfaceOf, |this, inputs| surface_of(..ColorsOf(this.0).parameters()) -> (
-    reflection_dir: 3, normal: 3, roughness: 1, n_dot_v: 1
-) {
-    let planes = Planes(inputs.slice(this.0.layout.plane_count()));
-    let surface = this.0.shaded(&planes, take_camera(inputs).position).surface;
-    (surface.reflection_dir, surface.facing.normal, [surface.roughness, surface.n_dot_v])
+formula!(SurfaceOf, |this, inputs| surface_of(
+    ..ColorsOf(this.shading).parameters(), ..light_frame_fields(this.is_turned)
+) -> (reflection_dir: 3, normal: 3, roughness: 1, n_dot_v: 1) {
+    let planes = Planes(inputs.slice(this.shading.layout.plane_count()));
+    let surface = this.shading.shaded(&planes, take_camera(inputs).position).surface;
+    let frame = take_light_frame(inputs, this.is_turned);
+    let [reflection_dir, normal] = [surface.reflection_dir, surface.facing.normal].map(|d| frame.to_light(d));
+    (reflection_dir, normal, [surface.roughness, surface.n_dot_v])
 });
 
 /// Light that a Gaussian looked up, as parameters.

@@ -37,9 +37,10 @@ pub(crate) fn channels(source: Source, channels: usize) -> Source {
 }
 
 /// Appends the lookup of a light by a Gaussian.
-pub(crate) fn gaussian_light(source: Source, shading: &GaussianShading) -> Source {
+pub(crate) fn gaussian_light(source: Source, surface: &SurfaceOf) -> Source {
+    let shading = surface.shading;
     source
-        .formula(&SurfaceOf(*shading))
+        .formula(surface)
         .part(|source| split_sums(source, 5))
         .flag("IS_OFFICIAL", shading.rules.shading.form == ShadingForm::Official)
         .with(include_str!("gaussian_light.wgsl"))
@@ -62,7 +63,8 @@ const LIT_CHANNELS: &str = "fn channels_of() -> LitColorsOf {
 const UNLIT_CHANNELS: &str = "fn channels_of() -> ColorsOf {\n    return colors_of();\n}\n";
 
 /// Kernel of a shading; without a light, Gaussians look up none.
-pub(crate) fn source(shading: &GaussianShading, storage: Storage, light: Option<&LightLayout>) -> String {
+pub(crate) fn source(surface: &SurfaceOf, storage: Storage, light: Option<&LightLayout>) -> String {
+    let shading = &surface.shading;
     let source = Source::new()
         .real()
         .part(camera)
@@ -70,7 +72,7 @@ pub(crate) fn source(shading: &GaussianShading, storage: Storage, light: Option<
         .part(|source| stored_planes(source, shading.layout, storage))
         .part(|source| channels(source, shading.channels().count()));
     let source = match light {
-        Some(light) => gaussian_light(light.lookup(source), shading).formula(&LitColorsOf(*shading)).with(LIT_CHANNELS),
+        Some(light) => gaussian_light(light.lookup(source), surface).formula(&LitColorsOf(*shading)).with(LIT_CHANNELS),
         None => source.formula(&ColorsOf(*shading)).with(UNLIT_CHANNELS),
     };
     let source = source.with(&splat_bindings(if light.is_some() { 6 } else { 4 }));
@@ -104,8 +106,9 @@ pub(crate) fn shade(
         Colors { channels, values: context.allocate("channels", channels.next_multiple_of(4) * gaussians.count)? };
     let light = light.filter(|_| shading.looks_light_up());
     let layout = light.map(|light| &light.layout);
-    let key = format!("{shading:?} {storage:?} {layout:?}");
-    let source = || source(&shading, storage, layout);
+    let surface = SurfaceOf { shading, is_turned: light.is_some() && camera.light_from_world.is_some() };
+    let key = format!("{surface:?} {storage:?} {layout:?}");
+    let source = || source(&surface, storage, layout);
     for chunk in gaussians.values.chunks(gaussians.count) {
         let view = CameraUniform::with_range(camera, chunk.gaussians.clone());
         let mut bindings =

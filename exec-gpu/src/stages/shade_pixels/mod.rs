@@ -49,7 +49,7 @@ pub(crate) fn shade_pixels(
     rules: &RenderRules,
 ) -> Result<Frame, GpuError> {
     let view = CameraUniform::new(camera, 0);
-    let kernel = PixelKernel::new(&frame, light, rules);
+    let kernel = PixelKernel::new(&frame, light, camera, rules);
     let shaded = context.allocate("colours", 3 * frame.pixel_count())?;
     let none = context.allocate("no light", 4)?;
     let texels = light.map_or(&none, |light| &light.texels);

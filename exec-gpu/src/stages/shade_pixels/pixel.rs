@@ -9,7 +9,7 @@ use crate::{
     },
     device::{context::Context, error::GpuError, memory::Array},
     stages::{
-        camera::{camera_fields, take_camera},
+        camera::{camera_fields, light_frame_fields, take_camera, take_light_frame},
         frame::Frame,
         light::split_sums,
         prefilter::Light,
@@ -17,7 +17,9 @@ use crate::{
 };
 use core::borrow::{Borrow, BorrowMut};
 use specula_core::{
+    camera::Camera,
     lamps::DirectLight,
+    light_frame::{LightFrame, Turned},
     near_field::Reflection,
     pixel_light::{BlendedGrads, BlendedPixel, LightLookupGrads, LightLookups, PixelRays, PixelShading},
     real::Real,
@@ -132,15 +134,18 @@ pub(crate) struct PixelKernel {
     pub(crate) is_lit: bool,
     pub(crate) is_traced: bool,
     pub(crate) is_illuminated: bool,
+    /// Whether the light is turned against the world.
+    pub(crate) is_turned: bool,
 }
 
 impl PixelKernel {
-    /// Variant for a frame under a light by rules.
-    pub(crate) fn new(frame: &Frame, light: Option<&Light>, rules: &RenderRules) -> Self {
+    /// Variant for a frame of a camera under a light by rules.
+    pub(crate) fn new(frame: &Frame, light: Option<&Light>, camera: &Camera, rules: &RenderRules) -> Self {
         let shading = PixelShading::new(rules, Channels::of_count(frame.channels));
         let is_lit = light.is_some();
         let is_illuminated = is_lit && frame.direct.is_some() && shading.form == ShadingForm::Physical;
-        Self { shading, is_lit, is_traced: is_lit && frame.reflections.is_some(), is_illuminated }
+        let is_turned = is_lit && camera.light_from_world.is_some();
+        Self { shading, is_lit, is_traced: is_lit && frame.reflections.is_some(), is_illuminated, is_turned }
     }
     /// Whether the split-sum table is looked up.
     pub(crate) fn reads_split_sum(&self) -> bool {
@@ -182,26 +187,29 @@ impl PixelKernel {
         ];
         let rays = rays.into_iter().filter(|ray| ray.1).flat_map(|(array, _, count)| planes(array, count));
         let pixel = blended_field(self.shading.channels).into_iter().chain([field("point", 2)]);
-        pixel.chain(camera_fields()).chain(rays).collect()
+        pixel.chain(camera_fields()).chain(rays).chain(light_frame_fields(self.is_turned)).collect()
     }
-    /// Reads [`PixelKernel::parameters`]: the pixel, its direction to the eye, its rays.
+    /// Reads [`PixelKernel::parameters`]: the pixel, its direction to the eye, its rays, the frame of
+    /// its light.
     fn take<'a>(
         &self,
         inputs: &mut Inputs<'a, Traced>,
-    ) -> (BlendedNumbers<&'a [Traced]>, Vec3<Traced>, PixelRays<Traced>) {
+    ) -> (BlendedNumbers<&'a [Traced]>, Vec3<Traced>, PixelRays<Traced>, LightFrame<Traced>) {
         let blended = BlendedNumbers::take(self.shading.channels, inputs);
         let [x, y] = inputs.array();
         let view_dir = take_camera(inputs).view_dir(x, y);
         let reflection = self.is_traced.then(|| Reflection::from_array(inputs.array()));
         let direct = self.is_illuminated.then(|| DirectLight::from_array(inputs.array()));
-        (blended, view_dir, PixelRays { reflection, has_second: true, direct })
+        let frame = take_light_frame(inputs, self.is_turned);
+        (blended, view_dir, PixelRays { reflection, has_second: true, direct }, frame)
     }
     /// `shade_pixel`, which stores the colour of a pixel, and its layers if all were requested.
     pub(crate) fn forward(&self) -> String {
         procedure("shade_pixel", &self.parameters(), |inputs| {
-            let (blended, view_dir, rays) = self.take(inputs);
+            let (blended, view_dir, rays, frame) = self.take(inputs);
             let shaded = if self.is_lit {
-                self.shading.shaded(&blended, view_dir, &rays, &TracedLookups { has_gradient: false })
+                let lookups = TracedLookups { has_gradient: false };
+                self.shading.shaded(&blended, view_dir, &rays, &Turned { lookups, frame })
             } else {
                 self.shading.unlit(&blended)
             };
@@ -218,10 +226,10 @@ impl PixelKernel {
         let count = self.shading.channels.count() + 1;
         parameters.extend(planes("grads", count));
         procedure("shade_pixel_vjp", &parameters, |inputs| {
-            let (blended, view_dir, rays) = self.take(inputs);
+            let (blended, view_dir, rays, frame) = self.take(inputs);
             let before = inputs.slice(count);
             let mut grads = BlendedNumbers { channels: self.shading.channels, numbers: before.to_vec() };
-            let mut lookups = self.is_lit.then_some(TracedLookups { has_gradient: true });
+            let mut lookups = self.is_lit.then_some(Turned { lookups: TracedLookups { has_gradient: true }, frame });
             let light = lookups.as_mut().map(|lookups| (&rays, lookups));
             self.shading.shaded_vjp(&blended, view_dir, light, &mut grads);
             let changed = grads.numbers.into_iter().enumerate().filter(|(k, grad)| *grad != before[*k]);

@@ -55,7 +55,7 @@ pub(crate) fn shade_pixels_vjp(
     let view = CameraUniform::new(camera, 0);
     // Lamps have no gradient, and the layer of light has none.
     let rules = RenderRules { light_layer: LightLayer::Reflected, ..*rules };
-    let kernel = PixelKernel { is_illuminated: false, ..PixelKernel::new(surface, light, &rules) };
+    let kernel = PixelKernel { is_illuminated: false, ..PixelKernel::new(surface, light, camera, &rules) };
     let sums = light.map(|light| LightSums::new(context, &light.layout)).transpose()?;
     let none = [context.allocate("no light", 4)?, context.allocate("no sums", 4)?];
     let arrays = [
