@@ -3,11 +3,13 @@
 
 #![expect(clippy::doc_markdown, reason = "comments are the help that is printed, as they stand")]
 
+mod capture;
 pub(crate) mod demo;
 mod export;
 mod info;
 mod light_reference;
 mod lights;
+mod make;
 mod measure;
 mod parse;
 mod prefilter;
@@ -18,11 +20,13 @@ mod train;
 pub(crate) mod view;
 
 use clap::{CommandFactory, Parser, Subcommand};
+pub(crate) use capture::{Capture, CaptureOptions};
 pub(crate) use demo::Demo;
 pub(crate) use export::{BakeName, Export};
 pub(crate) use info::{Doctor, Info, TryNetwork};
 pub(crate) use light_reference::LightReference;
 pub(crate) use lights::{EnvChoice, LampOptions, Lights};
+pub(crate) use make::Make;
 pub(crate) use measure::{Compare, Eval, Report, TableFormat};
 pub(crate) use prefilter::{MipName, Prefilter, SchemeName};
 pub(crate) use preset::Preset;
@@ -58,6 +62,7 @@ pub(crate) struct Arguments {
 const EXAMPLES: &str = "\
 Examples:
   specula demo                                    try everything, without any data
+  specula capture walk.mov -o data/vase           estimate the cameras of a video or of photographs
   specula train data/chair -m out/chair --eval    train a scene, measure held-out views
   specula render out/chair --layers rgb,normal    render the test views
   specula relight out/chair --env sunset.hdr      render them under another light
@@ -143,6 +148,8 @@ fn with_hyphens(words: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     Demo(Demo),
+    Capture(Capture),
+    Make(Make),
     Train(Box<Train>),
     Render(Render),
     Relight(Relight),
@@ -170,6 +177,8 @@ impl Command {
             Self::View(args) => Some(&args.scene_options.renderer.executor),
             Self::Export(args) => Some(&args.scene_options.renderer.executor),
             Self::Demo(_)
+            | Self::Capture(_)
+            | Self::Make(_)
             | Self::Compare(_)
             | Self::Prefilter(_)
             | Self::Report(_)

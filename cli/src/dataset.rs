@@ -111,18 +111,17 @@ fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
         }
         Misplaced::Pictures { count, folder: pictures, unread: Some(ending) } => format!(
             "{pictures:?} has {count} pictures in .{ending}, which is not read, and {folder:?} has no cameras; convert \
-             them to JPEG, such as with magick mogrify -format jpg {}, and let COLMAP find their cameras",
+             them to JPEG, such as with magick mogrify -format jpg {}, and estimate their cameras with specula capture",
             shown(&pictures.join(format!("*.{ending}")))
         ),
         Misplaced::Pictures { count, folder: pictures, unread: None } => format!(
             "{pictures:?} has {count} pictures, but {folder:?} has no cameras (transforms_train.json, transforms.json \
-             or sparse/0); estimate them with COLMAP: colmap automatic_reconstructor --workspace_path {folder:?} \
-             --image_path \
-             {pictures:?}"
+             or sparse/0); estimate them: specula capture {} -o data",
+            shown(folder)
         ),
         Misplaced::Video(path) => format!(
-            "{path:?} is a video; extract two or three pictures per second, and estimate their cameras with COLMAP: \
-             mkdir -p data/images && ffmpeg -i {path:?} -vf fps=2 -q:v 2 data/images/%04d.jpg"
+            "{path:?} is a video; select frames and estimate their cameras: specula capture {} -o data",
+            shown(&path)
         ),
     }))
 }

@@ -82,6 +82,12 @@ fn set_threads(threads: Option<u16>) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Runs a command of another one, by its command line.
+fn run_words(words: Vec<OsString>) -> Result<(), Failure> {
+    let arguments = Arguments::parse_words(words.clone())?;
+    run_command(&config::completed(arguments, &args::words_of(words))?, &Ranks::alone())
+}
+
 fn run_command(arguments: &Arguments, ranks: &Ranks<'_>) -> Result<(), Failure> {
     set_threads(arguments.threads)?;
     if !matches!(arguments.command, Command::Train(_)) && ranks.size > 1 {
@@ -90,6 +96,8 @@ fn run_command(arguments: &Arguments, ranks: &Ranks<'_>) -> Result<(), Failure> 
     arguments.command.executor().map_or(Ok(()), ExecutorChoice::check)?;
     match &arguments.command {
         Command::Demo(args) => commands::demo::run(args),
+        Command::Capture(args) => commands::capture::run(args),
+        Command::Make(args) => commands::make::run(args),
         Command::Train(args) => commands::train::run(args, ranks),
         Command::Render(args) => commands::render::run(args),
         Command::Relight(args) => commands::relight::run(args),

@@ -9,6 +9,9 @@ use std::path::PathBuf;
 /// For a scene, this includes the data that rendering colours skips because they do not depend on
 /// it, and the savings: bytes read per Gaussian, channels blended per splat and pixel, texels of
 /// light filtered. specula render --verify-omissions verifies that no bit of a picture changes.
+///
+/// For a data set, it also names what to improve: pictures without a camera, a camera that only
+/// turned, blur, changes of exposure, sides that no camera sees.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Examples:\n  specula info out/chair\n  specula info scene.ply --json\n  specula info data/chair"
@@ -22,7 +25,8 @@ pub(crate) struct Info {
     pub(crate) json: bool,
 }
 
-/// List the available hardware: threads, SIMD level, GPUs and their limits.
+/// List the available hardware: threads, SIMD level, GPUs and their limits, and the programs that
+/// capture and videos use.
 ///
 /// The adapter that --executor auto selects is marked, with the reason. Software drivers such as
 /// llvmpipe are listed and can be selected by name, but auto prefers the CPU executor to them.

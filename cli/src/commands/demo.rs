@@ -1,12 +1,7 @@
 //! `specula demo`: a small scene from pictures to relit pictures, next to plain Gaussian splatting.
 
 use crate::{
-    args::{Arguments, Command, Demo},
-    commands::export,
-    dataset,
-    failure::Failure,
-    included, interrupt, output, progress,
-    scene::measure_views,
+    args::Demo, dataset, failure::Failure, included, interrupt, output, progress, run_words, scene::measure_views,
     training::Session,
 };
 use specula_core::rules::Channels;
@@ -76,12 +71,7 @@ fn write_ball(folder: &Path) -> Result<(), Failure> {
     let lights = LIGHTS.map(|name| folder.join("data/light").join(format!("{name}.hdr")).into_os_string());
     let words = ["specula", "export", "--no-error", "-o"].map(OsString::from);
     let words = words.into_iter().chain([page]).chain([OsString::from("--page-env")]).chain(lights);
-    let arguments = Arguments::parse_words(words.chain(["--".into(), model])).map_err(|error| error.to_string());
-    match arguments.map(|arguments| arguments.command) {
-        Ok(Command::Export(args)) => export::run(&args),
-        Ok(_) => unreachable!("the words name the command"),
-        Err(error) => Err(Failure::Internal(error)),
-    }
+    run_words(words.chain(["--".into(), model]).collect())
 }
 
 /// Commands that follow a demo.

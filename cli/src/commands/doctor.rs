@@ -1,18 +1,23 @@
-//! `specula doctor`: the hardware of this machine.
+//! `specula doctor`: the hardware of this machine, and other programs that specula uses.
 
 use crate::{args::Doctor, failure::Failure, output};
 use serde_json::{Value, json};
+use specula_capture::Tool;
 use specula_cpu::CpuExecutor;
 
 /// Prints the CPU, the adapters, and the executor that `--executor auto` selects.
 pub(crate) fn run(args: &Doctor) -> Result<(), Failure> {
     let gpus = gpus();
     let (threads, vectors) = (rayon::current_num_threads(), CpuExecutor::new().vectors());
+    let colmap = Tool::find(None).map(|tool| tool.to_string());
+    let has_ffmpeg = specula_capture::has_ffmpeg();
     if args.json {
         return output::say_json(&json!({
             "cpu": {"threads": threads, "vectors": vectors},
             "adapters": gpus.iter().map(|gpu| gpu.json.clone()).collect::<Vec<Value>>(),
             "auto": gpus.iter().find(|gpu| gpu.is_used).map_or("cpu", |gpu| &gpu.name),
+            "colmap": colmap.as_ref().ok(),
+            "ffmpeg": has_ffmpeg,
         }));
     }
     let noun = if threads == 1 { "thread" } else { "threads" };
@@ -20,7 +25,11 @@ pub(crate) fn run(args: &Doctor) -> Result<(), Failure> {
     for gpu in &gpus {
         output::say(&gpu.text)?;
     }
-    output::say(&verdict(&gpus))
+    output::say(&verdict(&gpus))?;
+    output::say(&format!("cameras   {}", colmap.unwrap_or_else(|error| error.to_string())))?;
+    let ffmpeg =
+        if has_ffmpeg { "ffmpeg" } else { "ffmpeg is not installed: apt install ffmpeg, or brew install ffmpeg" };
+    output::say(&format!("videos    {ffmpeg}"))
 }
 
 /// Adapter as text and as JSON.

@@ -193,11 +193,11 @@ fn pictures_videos_and_cameras_of_other_programs_are_no_data_set_yet() {
         refuses(command, parts);
         fs::remove_dir_all(folder).unwrap();
     };
-    no_data(&["images/a.jpg", "images/b.JPG"], &["2 pictures", "no cameras", "colmap automatic_reconstructor"]);
+    no_data(&["images/a.jpg", "images/b.JPG"], &["2 pictures", "no cameras", "specula capture"]);
     no_data(&["a.heic"], &["1 pictures in .heic", "no cameras", "mogrify", "COLMAP"]);
     no_data(&["images/a.jpg", "reconstruction.json"], &["OpenSfM", "opensfm export_colmap"]);
     no_data(&["scan.psx"], &["Metashape", "Export Cameras"]);
-    no_data(&["walk.MP4"], &["a video", "ffmpeg -i", "fps=2"]);
+    no_data(&["walk.MP4"], &["a video", "specula capture", "-o data"]);
     let video = tiny.path("walk.mov");
     fs::write(&video, "").unwrap();
     let mut command = specula();

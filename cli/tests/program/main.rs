@@ -3,6 +3,7 @@
 mod bad_input;
 mod benchmark;
 mod browser;
+mod capture;
 mod compare;
 #[cfg(unix)]
 mod elsewhere;

@@ -12,9 +12,11 @@ use crate::{
     named::Files,
     photographs::{self, Folders, HeldOut, Posed},
     points_ply::{self, PointCloud},
+    shot::Pose,
     within,
 };
 use glam::DVec3;
+pub(crate) use record::Track;
 use record::{Camera, Image, Point, refuse};
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -33,7 +35,7 @@ pub(crate) struct Model {
 }
 
 impl Model {
-    fn in_folder(folder: &Path) -> Option<Self> {
+    pub(crate) fn in_folder(folder: &Path) -> Option<Self> {
         let has =
             |ending: &str| ["cameras", "images"].iter().all(|name| folder.join(format!("{name}.{ending}")).is_file());
         let is_text = match (has("bin"), has("txt")) {
@@ -154,11 +156,17 @@ fn images_folder(files: &Files, images: &[Image], options: &LoadOptions) -> Path
     if is_default && has_pictures() { PathBuf::new() } else { PathBuf::from(&options.images) }
 }
 
+/// Other models beside a model.
+pub(crate) fn others(model: &Model) -> Vec<Model> {
+    let place = model.folder.parent().map(numbered).unwrap_or_default();
+    place.iter().filter_map(|folder| Model::in_folder(folder)).filter(|other| other != model).collect()
+}
+
 fn note_several(folder: &Path, model: &Model, notes: &mut Vec<String>) {
-    let Some(place) = model.folder.parent().filter(|place| *place != folder) else { return };
-    let others =
-        numbered(place).into_iter().filter_map(|folder| Model::in_folder(&folder)).filter(|other| other != model);
-    let names: Vec<String> = others.map(|other| format!("{:?}", other.folder)).collect();
+    if model.folder.parent().is_none_or(|place| place == folder) {
+        return;
+    }
+    let names: Vec<String> = others(model).iter().map(|other| format!("{:?}", other.folder)).collect();
     if !names.is_empty() {
         notes.push(format!("{:?} is the largest model; skipped: {}", model.folder, names.join(", ")));
     }
@@ -208,6 +216,22 @@ fn read_cameras(model: &Model) -> Result<BTreeMap<u32, Result<Camera>>> {
 fn read_images(model: &Model) -> Result<Vec<Image>> {
     let path = model.file("images");
     if model.is_text { text::images(&path) } else { binary::images(&path) }
+}
+
+/// Names and poses of the images, by identifier. Images without a valid pose are skipped.
+pub(crate) fn registered(model: &Model) -> Result<BTreeMap<u32, (String, Pose)>> {
+    let images = read_images(model)?;
+    Ok(images.into_iter().filter_map(|image| Some((image.id, (image.name.clone(), image.pose()?)))).collect())
+}
+
+/// Reads points with the images that see them; none without a list of points.
+pub(crate) fn tracks(model: &Model) -> Result<Vec<Track>> {
+    let path = model.file("points3D");
+    match (path.is_file(), model.is_text) {
+        (false, _) => Ok(Vec::new()),
+        (true, true) => text::tracks(&path),
+        (true, false) => binary::tracks(&path),
+    }
 }
 
 /// Reads the points of a reconstruction. Points that are not finite are skipped with a note.

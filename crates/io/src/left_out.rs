@@ -16,6 +16,8 @@ const ENTRIES_MAX: usize = 8;
 /// measurements.
 const ASIDE: [&str; 10] = ["", "md", "txt", "log", "ini", "db", "sh", "py", "ipynb", "pdf"];
 const MEASURED: [&str; 5] = ["env.hdr", "env.exr", "light", "relit", "relight"];
+/// Record and intermediate files of `specula capture`.
+const CAPTURE: [&str; 3] = ["capture", "capture.json", "training.lock"];
 
 /// Unused entries of a data set, with the reason: pictures without cameras, and other folders and
 /// files at the top level.
@@ -60,7 +62,8 @@ fn is_aside(path: &Path) -> bool {
     let first = path.iter().next().unwrap_or_default();
     let ending = path.extension().unwrap_or_default();
     let is_at_top = first == path.as_os_str();
-    is_of(&first.to_string_lossy(), &MEASURED) || is_at_top && is_of(&ending.to_string_lossy(), &ASIDE)
+    let name = first.to_string_lossy();
+    is_of(&name, &MEASURED) || is_of(&name, &CAPTURE) || is_at_top && is_of(&ending.to_string_lossy(), &ASIDE)
 }
 
 /// Folder or file at the top level, with its number of files.

@@ -6,6 +6,8 @@
 //! name and renamed, so that a file is complete or unchanged.
 //!
 //! * [`dataset`]: photographs with cameras ([`cameras`], [`lens`], [`pixels`])
+//! * [`reconstruction`]: cameras and points of COLMAP, as evidence of their quality; [`masks`]: masks of
+//!   pictures by their names
 //! * [`origin`]: origin of a scene in the world of its data set
 //! * [`orientation`]: up direction, centre and viewing distance as a model records them
 //! * [`gaussian_ply`], [`points_ply`]: Gaussians and points
@@ -62,7 +64,7 @@ mod left_out;
 pub mod lens;
 pub mod light_table;
 mod listing;
-mod masks;
+pub mod masks;
 pub mod materials;
 pub mod mesh;
 pub mod model_folder;
@@ -78,6 +80,7 @@ pub mod pixels;
 pub mod planes;
 pub mod points_ply;
 mod radiance;
+pub mod reconstruction;
 mod shot;
 pub mod splat;
 pub mod spz;

@@ -24,6 +24,29 @@ pub(crate) fn folder(files: &Files, images: &Path) -> Option<PathBuf> {
     places.filter_map(|place| files.folder(&place)).next().map(Path::to_owned)
 }
 
+/// Masks of pictures, and masks of no picture.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Assigned {
+    /// Mask of each picture, `None` if it has none.
+    pub masks: Vec<Option<PathBuf>>,
+    /// Paths of masks that match no picture, or several.
+    pub unused: Vec<PathBuf>,
+}
+
+/// Assigns the masks of a folder to pictures, by their paths below the folder of images: `NAME.png`,
+/// `NAME.jpg.png`, `NAME_mask.png`, `NAME.mask.png` or `NAME-mask.png`, in the subfolders of the
+/// pictures or in none.
+pub fn assigned(folder: &Path, pictures: &[PathBuf]) -> Assigned {
+    let masks = Masks::below(&Files::below(folder), Path::new(""));
+    let mut counts: HashMap<String, usize> = HashMap::new();
+    pictures.iter().for_each(|picture| *counts.entry(name_of(picture)).or_default() += 1);
+    let found: Vec<_> = pictures.iter().map(|picture| masks.of(picture, counts[&name_of(picture)] == 1)).collect();
+    let used: HashSet<&Path> = found.iter().flatten().map(PathBuf::as_path).collect();
+    let all = masks.paths.iter().map(|path| masks.folder.join(path));
+    let unused = all.filter(|path| !used.contains(path.as_path())).collect();
+    Assigned { masks: found, unused }
+}
+
 /// Adds masks of the folder to pictures without one, by their paths below the folder of images, and
 /// notes masks and pictures that remain. Returns the folder.
 pub(crate) fn assign(

@@ -100,7 +100,9 @@ impl Contents {
 
     /// Text: a title, then a line for each fact.
     pub fn text(&self) -> String {
-        let lines = self.lines.iter().map(|(name, text)| format!("\n  {name:<16} {}", printable(text)));
+        let lines = self.lines.iter().map(|(name, text)| {
+            format!("\n  {name:<16} {}", text.split('\n').map(printable).collect::<Vec<_>>().join("\n"))
+        });
         format!("{}{}", self.title, lines.collect::<String>())
     }
 
@@ -114,7 +116,8 @@ impl Contents {
         self.lines.iter_mut().filter(|(other, _)| *other == name).for_each(|(_, text)| text.push_str(remark));
     }
 
-    fn add(&mut self, name: &'static str, text: String, value: Value) {
+    /// Adds a fact as text and as JSON.
+    pub fn add(&mut self, name: &'static str, text: String, value: Value) {
         self.add_as(name, &name.replace(' ', "_"), text, value);
     }
 

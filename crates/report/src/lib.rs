@@ -14,6 +14,7 @@
 //! | [`comparison`] | table of several runs in Markdown, CSV or LaTeX |
 //! | [`tradeoff`] | error against run time, for each parameter of rendering |
 //! | [`demo`] | pictures and page of the demo scene |
+//! | [`made`] | page of a relit turntable |
 //!
 //! ```no_run
 //! use specula_report::comparison::{Comparison, Format};
@@ -36,6 +37,7 @@ mod html;
 pub mod light;
 #[cfg(feature = "lpips")]
 pub mod lpips;
+pub mod made;
 pub mod materials;
 pub mod measure;
 pub mod relighting;

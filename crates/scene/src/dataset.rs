@@ -234,6 +234,13 @@ impl Misplaced {
     }
 }
 
+/// Number of pictures of a folder and the folders below that are read.
+pub fn count_pictures(folder: &Path) -> usize {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let paths = entries.filter(|entry| !entry.file_name().to_string_lossy().starts_with('.')).map(|entry| entry.path());
+    paths.map(|path| if path.is_dir() { count_pictures(&path) } else { usize::from(has_image_ending(&path)) }).sum()
+}
+
 fn is_video(path: &Path) -> bool {
     path.extension().is_some_and(|ending| VIDEOS.contains(&ending.to_ascii_lowercase().to_string_lossy().as_ref()))
 }

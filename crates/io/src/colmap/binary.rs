@@ -1,6 +1,6 @@
 //! COLMAP's binary files: a count, then little-endian records.
 
-use super::record::{Camera, Image, KINDS, Point, UNREAD_KINDS, refuse, unknown_model};
+use super::record::{Camera, Image, KINDS, Point, Track, UNREAD_KINDS, refuse, unknown_model};
 use crate::{
     budget::SCENE,
     error::{Error, Result},
@@ -149,11 +149,11 @@ pub(super) fn cameras(path: &Path) -> Result<Vec<(u32, Result<Camera>)>> {
 /// Reads `images.bin` without 2D points.
 pub(super) fn images(path: &Path) -> Result<Vec<Image>> {
     Records::open(path, "image", IMAGE_LEN)?.all(|records| {
-        let _id = records.u32()?;
+        let id = records.u32()?;
         let (quat, translation) = (records.numbers()?, records.numbers()?);
         let (camera, name) = (records.u32()?, records.text()?);
         records.pass(PLACE_LEN)?;
-        Ok(Image { quat, translation, camera, name })
+        Ok(Image { id, quat, translation, camera, name })
     })
 }
 
@@ -166,5 +166,22 @@ pub(super) fn points(path: &Path) -> Result<Vec<Point>> {
         let _error = records.f64()?;
         records.pass(TRACK_LEN)?;
         Ok(Point { position, color })
+    })
+}
+
+/// Reads `points3D.bin` with tracks.
+pub(super) fn tracks(path: &Path) -> Result<Vec<Track>> {
+    Records::open(path, "point", POINT_LEN)?.all(|records| {
+        let _id = records.u64()?;
+        let position = records.numbers()?;
+        let _color: [u8; 3] = records.bytes()?;
+        let error = records.f64()?;
+        let count = records.u64()?;
+        if count > records.left / TRACK_LEN {
+            return Err(records.cut_short());
+        }
+        let mut image = || records.u32().and_then(|image| records.u32().map(|_place| image));
+        let images = (0..count).map(|_| image()).collect::<Result<Vec<u32>>>()?;
+        Ok(Track { position, error, images })
     })
 }

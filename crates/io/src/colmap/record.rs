@@ -21,6 +21,7 @@ pub(super) struct Camera {
 /// An image with its pose.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Image {
+    pub(super) id: u32,
     /// Camera-from-world rotation: w, x, y, z.
     pub(super) quat: [f64; 4],
     /// Camera-from-world translation.
@@ -34,6 +35,16 @@ pub(super) struct Image {
 pub(super) struct Point {
     pub(super) position: [f64; 3],
     pub(super) color: [u8; 3],
+}
+
+/// A point with the images that see it.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Track {
+    pub(crate) position: [f64; 3],
+    /// Mean reprojection error in pixels.
+    pub(crate) error: f64,
+    /// Identifiers of the images.
+    pub(crate) images: Vec<u32>,
 }
 
 /// A camera model: number and name in files, and number of parameters.

@@ -1,7 +1,7 @@
 //! COLMAP's text files: one line per record, two per image; words are separated by spaces, and
 //! comments begin with #.
 
-use super::record::{Camera, Image, KINDS, Kind, Point, refuse, unknown_model};
+use super::record::{Camera, Image, KINDS, Kind, Point, Track, refuse, unknown_model};
 use crate::{
     budget::COLMAP_LINE_MAX,
     error::{Error, Result},
@@ -165,7 +165,7 @@ fn is_image(lines: &Lines<'_>) -> bool {
 
 fn image(lines: &Lines<'_>) -> Result<Image> {
     let mut words = lines.words()?;
-    let _id: u32 = words.number("identifier")?;
+    let id = words.number("identifier")?;
     let quat = words.numbers("rotation")?;
     let translation = words.numbers("translation")?;
     let camera = words.number("camera")?;
@@ -173,7 +173,7 @@ fn image(lines: &Lines<'_>) -> Result<Image> {
         words.word("name")?;
     }
     // Names may have spaces.
-    Ok(Image { quat, translation, camera, name: words.rest.to_owned() })
+    Ok(Image { id, quat, translation, camera, name: words.rest.to_owned() })
 }
 
 /// Reads `points3D.txt`: identifier, position, colour; the rest of a line is ignored.
@@ -192,4 +192,21 @@ fn point(lines: &Lines<'_>) -> Result<Point> {
     let position = words.numbers("position")?;
     let color = [words.number("red")?, words.number("green")?, words.number("blue")?];
     Ok(Point { position, color })
+}
+
+/// Reads `points3D.txt` with tracks: after the colour a reprojection error, then pairs of an image
+/// and a 2D point.
+pub(super) fn tracks(path: &Path) -> Result<Vec<Track>> {
+    let mut lines = Lines::open(path)?;
+    let mut tracks = Vec::new();
+    while lines.next_record()? {
+        let Point { position, .. } = point(&lines)?;
+        let mut words = lines.words()?;
+        (0..7).try_for_each(|_| words.word("colour").map(drop))?;
+        let error = words.number("error")?;
+        let ids = words.rest.split_ascii_whitespace().step_by(2).map(str::parse);
+        let images = ids.collect::<core::result::Result<Vec<u32>, _>>();
+        tracks.push(Track { position, error, images: images.map_err(|_| lines.refuse("has an invalid track"))? });
+    }
+    Ok(tracks)
 }

@@ -1,0 +1,30 @@
+//! Arguments of `specula make`.
+
+use super::capture::CaptureOptions;
+use clap::Args;
+use std::path::PathBuf;
+
+/// Make a relit turntable of a video or of photographs: capture, train, eval, relight and export.
+///
+/// OUT receives the data set (data), the model (model), turntables under two lights, the scene as a
+/// page for browsers (scene.html) and index.html, a page in one file. Each command line is printed.
+/// After Ctrl-C the same command continues.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  specula make walk.mov -o out/vase
+  specula make photographs -o out/vase --quick
+  specula make photographs -o out/vase --masks silhouettes --best")]
+pub(crate) struct Make {
+    /// Videos, and folders of pictures.
+    #[arg(value_name = "INPUT", required = true)]
+    pub(crate) inputs: Vec<PathBuf>,
+    /// Output folder.
+    #[arg(long, short, value_name = "OUT")]
+    pub(crate) output: PathBuf,
+    /// A first look: 2000 iterations on pictures of at most 400 pixels along an edge.
+    #[arg(long, conflicts_with = "best")]
+    pub(crate) quick: bool,
+    #[command(flatten)]
+    pub(crate) capture: CaptureOptions,
+}

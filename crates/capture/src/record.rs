@@ -1,0 +1,145 @@
+//! Record of a capture, `capture.json`: inputs, decisions, command lines, and finished steps.
+
+use crate::{
+    error::{Error, Result},
+    frames::Candidate,
+};
+use serde::{Deserialize, Serialize};
+use specula_io::whole_file;
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+/// Name of the record.
+pub(crate) const NAME: &str = "capture.json";
+
+/// What a capture depends on.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Request {
+    pub(crate) inputs: Vec<PathBuf>,
+    pub(crate) frames: Option<usize>,
+    pub(crate) masks: Option<PathBuf>,
+    pub(crate) mask_with: Option<String>,
+    pub(crate) lens: String,
+    pub(crate) is_best: bool,
+}
+
+/// A video and its frames.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(crate) struct VideoRecord {
+    pub(crate) path: PathBuf,
+    pub(crate) candidates: Vec<Candidate>,
+    /// Numbers of the selected frames.
+    pub(crate) selected: Vec<u64>,
+}
+
+/// One reconstruction.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Attempt {
+    pub(crate) pictures: usize,
+    /// Rule of the pairs, and their number.
+    pub(crate) matching: String,
+    pub(crate) pairs: usize,
+    /// Largest edge of pictures, and largest number of features.
+    pub(crate) size: u32,
+    pub(crate) features: u32,
+    /// Number of cameras that are shared, and of pictures with a camera of their own.
+    pub(crate) shared_cameras: usize,
+    pub(crate) own_cameras: usize,
+    /// Pictures with matches to others.
+    pub(crate) connected: u64,
+    /// Number of pictures of each model, the largest first.
+    pub(crate) models: Vec<usize>,
+    /// Folder of the largest model.
+    pub(crate) largest: Option<PathBuf>,
+}
+
+/// The record.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Record {
+    pub(crate) request: Request,
+    pub(crate) tool: String,
+    pub(crate) videos: Vec<VideoRecord>,
+    /// Pictures that are not used, with the reason.
+    pub(crate) skipped: Vec<String>,
+    /// Pictures with a mask, and masks of no picture.
+    pub(crate) masks: Option<[usize; 2]>,
+    pub(crate) attempts: Vec<Attempt>,
+    /// Attempt whose largest model is in `sparse/0`, from 1.
+    pub(crate) used_attempt: Option<usize>,
+    /// Command lines, in order.
+    pub(crate) commands: Vec<String>,
+    /// Finished steps.
+    pub(crate) done: Vec<String>,
+    #[serde(skip)]
+    path: PathBuf,
+}
+
+impl Record {
+    /// Reads the record of a data set, or begins one.
+    ///
+    /// # Errors
+    ///
+    /// A record of another request, or one that cannot be read.
+    pub(crate) fn open(folder: &Path, request: &Request) -> Result<Self> {
+        let path = folder.join(NAME);
+        if !path.is_file() {
+            return Ok(Self { request: request.clone(), path, ..Self::default() });
+        }
+        let text =
+            fs::read_to_string(&path).map_err(|cause| Error::Input(format!("{path:?} cannot be read: {cause}")))?;
+        let found: Self = serde_json::from_str(&text).map_err(|cause| {
+            Error::Input(format!("{path:?} is no record of a capture ({cause}); use another folder with -o"))
+        })?;
+        if found.request != *request {
+            return Err(Error::Input(format!(
+                "{folder:?} has a capture of {:?} with other options or inputs; use another folder with -o, or remove it",
+                found.request.inputs
+            )));
+        }
+        Ok(Self { path, ..found })
+    }
+
+    /// Writes the record.
+    pub(crate) fn save(&self) -> Result<()> {
+        let text = serde_json::to_string_pretty(self).expect("it has names and numbers") + "\n";
+        Ok(whole_file::write_bytes(&self.path, text.as_bytes())?)
+    }
+
+    pub(crate) fn is_done(&self, step: &str) -> bool {
+        self.done.iter().any(|done| done == step)
+    }
+
+    /// Records a finished step.
+    pub(crate) fn finish(&mut self, step: String) -> Result<()> {
+        self.done.push(step);
+        self.save()
+    }
+
+    /// Records a command line.
+    pub(crate) fn ran(&mut self, command: String) {
+        if self.commands.last() != Some(&command) {
+            self.commands.push(command);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_continues_its_own_request_only() {
+        let folder = tempfile::tempdir().unwrap();
+        let request = Request { inputs: vec!["walk.mov".into()], ..Request::default() };
+        let mut record = Record::open(folder.path(), &request).unwrap();
+        record.finish("frames".into()).unwrap();
+        assert!(Record::open(folder.path(), &request).unwrap().is_done("frames"));
+        let other = Request { frames: Some(9), ..request };
+        let sentence = Record::open(folder.path(), &other).unwrap_err().to_string();
+        assert!(sentence.contains("walk.mov") && sentence.contains("-o"), "{sentence}");
+        fs::write(folder.path().join(NAME), "{").unwrap();
+        assert!(Record::open(folder.path(), &other).unwrap_err().to_string().contains("no record"));
+    }
+}
