@@ -27,6 +27,7 @@ use specula_io::{
     dataset, gaussian_ply,
     glb::{self, Attribute, Shading},
     latlong::{self, LatLong},
+    light_table::LightTable,
     model_folder, picture,
     pixels::Pixels,
     points_ply::{self, PointCloud},
@@ -440,6 +441,13 @@ const CAMERAS: Target = Target {
     read: |folder| cameras::read(&folder.join("cameras.json")).map(|_| ()).map_err(sentence),
     ..GAUSSIANS
 };
+const LIGHT_TABLE: Target = Target {
+    file: "lights.txt",
+    make: |folder| fs::write(folder.join("lights.txt"), "a one 0\nb one 0\nc two 90 # turned\nd two 90\n").unwrap(),
+    read: |folder| LightTable::read(&folder.join("lights.txt")).map(|_| ()).map_err(sentence),
+    needs_its_end: false,
+    ..GAUSSIANS
+};
 const TRANSFORMS: Target =
     Target { file: "transforms_train.json", make: make_transforms, read: load_data, ..GAUSSIANS };
 const LIST: Target = Target { file: "transforms.json", make: make_list, ..TRANSFORMS };
@@ -610,6 +618,7 @@ targets! {
     networks_of_lights: LIGHT_NETWORK;
     near_fields: NEAR_FIELD;
     camera_lists: CAMERAS;
+    light_tables: LIGHT_TABLE;
     transforms: TRANSFORMS;
     one_list_of_transforms: LIST;
     colmap_cameras: COLMAP_CAMERAS;

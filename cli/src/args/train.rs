@@ -209,16 +209,6 @@ pub(crate) struct Photographs {
     /// -y, or a vector.
     #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
     pub(crate) scene_up: Option<UpDirection>,
-    /// Light that stands still in the scene; turns about the up direction with the camera, as seen
-    /// by an object on a turntable; or moves with the camera, as a lamp on it does.
-    #[arg(long, value_name = "scene|turntable|camera", default_value = LightFollows::Scene.name(), value_parser = light_follows)]
-    #[serde(serialize_with = "as_name", skip_serializing_if = "is_still")]
-    pub(crate) light_follows: LightFollows,
-    /// Table of pictures, groups and the degrees by which the object was turned in each group, under
-    /// one light; see docs/datasets.md.
-    #[arg(long, value_name = "FILE", conflicts_with = "light_follows")]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) lights_by: Option<PathBuf>,
     /// Learn an affine colour map of each photograph, into exposure.json.
     #[arg(long)]
     pub(crate) exposure: bool,
@@ -343,9 +333,8 @@ pub(crate) struct Start {
     #[arg(long, help_heading = MODEL, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(i8).range(-1..=3))]
     #[serde(skip_serializing_if = "is_of_profile")]
     pub(crate) sh_degree: Option<i8>,
-    /// Train anti-aliased, as Mip-Splatting does: pictures at other resolutions and distances than
-    /// those of the training keep their brightness and show no needles. Other programs need the
-    /// same filter.
+    /// Train anti-aliased, as Mip-Splatting does: pictures at other sizes keep their brightness and
+    /// show no needles. Other programs need the same filter.
     #[arg(long)]
     #[serde(skip_serializing_if = "core::ops::Not::not")]
     pub(crate) antialias: bool,
@@ -354,7 +343,7 @@ pub(crate) struct Start {
     pub(crate) light_per: Option<LightPer>,
     /// Light from the texels of a cube map, or from a small network over directions (mlp), as in
     /// the paper's ablation.
-    #[arg(long, value_enum, default_value_t = LightKind::Cube)]
+    #[arg(long, help_heading = MODEL, value_enum, default_value_t = LightKind::Cube)]
     #[serde(skip_serializing_if = "LightKind::is_cube")]
     pub(crate) light: LightKind,
     /// Reflections of the distant light (far), or also of the scene's own surface where reflected
@@ -370,12 +359,19 @@ pub(crate) struct Start {
     #[arg(long, conflicts_with = "relightable")]
     #[serde(skip_serializing_if = "core::ops::Not::not")]
     pub(crate) no_materials: bool,
-    /// Known light, which makes materials absolute: a lat-long map of linear radiance (.hdr or
-    /// .exr), its upper edge the scene's up direction; or only its mean, one number or R,G,B; its
-    /// shape is trained.
+    /// Known light, which makes materials absolute: a lat-long map of linear radiance (.hdr, .exr)
+    /// with the scene's up at its upper edge; or only its mean, one number or R,G,B.
     #[arg(long, value_name = "FILE|MEAN|R,G,B")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) light_reference: Option<LightReference>,
+    /// Thing that the light turns with: scene (none), turntable or camera; see docs/datasets.md.
+    #[arg(long, value_name = "WHAT", default_value = LightFollows::Scene.name(), value_parser = light_follows)]
+    #[serde(serialize_with = "as_name", skip_serializing_if = "is_still")]
+    pub(crate) light_follows: LightFollows,
+    /// Table of how far the object was turned in each picture; see docs/datasets.md.
+    #[arg(long, value_name = "FILE", conflicts_with = "light_follows")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) lights_by: Option<PathBuf>,
     /// Resolution of the cube map's faces: a power of two, at least 16 (official: 64); at most 128
     /// with --light mlp.
     #[arg(long, help_heading = MODEL, alias = "brdf-env", value_name = "N", value_parser = count::<usize>)]

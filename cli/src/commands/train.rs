@@ -5,7 +5,7 @@ pub(crate) mod many;
 mod result;
 
 use crate::{
-    args::{AT_MOST_1100, AT_MOST_1600, LONGER_EDGE, LightReference, Photographs, ProfileName, Train},
+    args::{self, AT_MOST_1100, AT_MOST_1600, LONGER_EDGE, LightReference, Photographs, ProfileName, Train},
     commands::view::{self, Watching},
     config, dataset,
     failure::Failure,
@@ -239,7 +239,7 @@ fn under_known_light(profile: Profile, reference: &LightReference, data: &Captur
 
 /// Turns the light of each picture, if the options say so.
 fn turn_lights(args: &Train, profile: &Profile, data: &mut Capture) -> Result<(), Failure> {
-    let Photographs { light_follows: follows, lights_by, .. } = &args.photographs;
+    let args::Start { light_follows: follows, lights_by, .. } = &args.start;
     let option = match (lights_by, *follows) {
         (None, LightFollows::Scene) => return Ok(()),
         (None, _) => "--light-follows",

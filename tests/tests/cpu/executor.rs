@@ -103,7 +103,7 @@ fn wide(values: &[f32]) -> Vec<f64> {
 fn a_shaded_frame_is_that_of_the_plain_pipeline_in_every_layer() {
     let plain = Layout::shaded(Some(3));
     for (seed, shading, layout) in [
-        (1, ShadingRules::PAPER, plain),
+        (1_u64, ShadingRules::PAPER, plain),
         (2, ShadingRules::DEFERRED, plain),
         (3, ShadingRules::DEFERRED, plain.antialiased()),
         (4, ShadingRules::PAPER, Layout { low_pass: LowPass::Compensated, ..plain }),
@@ -113,7 +113,7 @@ fn a_shaded_frame_is_that_of_the_plain_pipeline_in_every_layer() {
     ] {
         let activation = [RadianceActivation::Identity, RadianceActivation::Exponential][seed as usize % 2];
         let (cloud, environment) = (random_cloud(80, layout, seed), random_environment(RESOLUTION, activation, seed));
-        let camera = if seed % 3 == 0 { under_turned_light(camera(70, 45)) } else { camera(70, 45) };
+        let camera = if seed.is_multiple_of(3) { under_turned_light(camera(70, 45)) } else { camera(70, 45) };
         let mut exec = CpuExecutor::new();
         let light =
             exec.prefilter(&environment, PrefilterScheme::Exact, LevelRange::ALL).expect("16 is a power of two");

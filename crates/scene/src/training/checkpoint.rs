@@ -168,6 +168,7 @@ mod tests {
             let turn = k as f32 * 1.1;
             let eye = glam::Vec3::new(3.0 * turn.cos(), 3.0 * turn.sin(), 0.7);
             let camera = Camera::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, SIZE, SIZE);
+            let camera = Camera { light_from_world: Some(glam::Mat3::from_rotation_z(turn)), ..camera };
             let rgba = (0..u64::from(SIZE * SIZE * 4)).map(|byte| (byte * (k + 3) % 253) as u8).collect();
             View { name: k.to_string(), camera, rgba, normals: None }
         };
@@ -275,11 +276,12 @@ mod tests {
         let sum_of = |views: &[View]| describe(&settings("3dgs"), String::new(), views).pictures;
         let sum = sum_of(&views());
         assert_eq!(sum, sum_of(&views()));
-        let changes: [fn(&mut View); 4] = [
+        let changes: [fn(&mut View); 5] = [
             |view| view.rgba[17] ^= 1,
             |view| view.name.push('x'),
             |view| view.camera.focal_px[0] += 1.0,
             |view| view.camera.width += 1,
+            |view| view.camera.light_from_world = None,
         ];
         for change in changes {
             let mut changed = views();
