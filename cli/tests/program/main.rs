@@ -11,6 +11,7 @@ mod eval;
 #[cfg(unix)]
 mod examples;
 mod export;
+mod foreign;
 mod glossy;
 mod known_light;
 mod lamps;
