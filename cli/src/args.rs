@@ -19,8 +19,8 @@ mod scene;
 mod train;
 pub(crate) mod view;
 
-use clap::{CommandFactory, Parser, Subcommand};
 pub(crate) use capture::{Capture, CaptureOptions};
+use clap::{CommandFactory, Parser, Subcommand};
 pub(crate) use demo::Demo;
 pub(crate) use export::{BakeName, Export};
 pub(crate) use info::{Doctor, Info, TryNetwork};

@@ -16,6 +16,9 @@ pub(crate) enum Failure {
     /// Invalid input or options.
     #[error("{0}")]
     Input(String),
+    /// A requested check of a file found faults.
+    #[error("{0}")]
+    Findings(String),
     /// A device failed; another executor may succeed.
     #[cfg_attr(not(feature = "gpu"), expect(dead_code, reason = "only GPUs are devices"))]
     #[error("{0}")]
@@ -32,11 +35,12 @@ pub(crate) enum Failure {
 }
 
 impl Failure {
-    /// Exit code: 0 for success, 1 for a fault of the program, 2 for bad input, 130 if interrupted.
+    /// Exit code: 0 for success, 1 for a fault of the program or findings of a check, 2 for bad
+    /// input, 130 if interrupted.
     pub(crate) fn exit_code(&self) -> u8 {
         match self {
             Self::File(_) | Self::Input(_) | Self::Device(_) => 2,
-            Self::Internal(_) => 1,
+            Self::Internal(_) | Self::Findings(_) => 1,
             Self::Interrupted(_) => 130,
             Self::BrokenPipe => 0,
         }

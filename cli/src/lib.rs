@@ -39,7 +39,8 @@ use std::ffi::OsString;
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 /// Runs the command line of this process, as one of several ranks or as the only one. Returns the
-/// exit code: 0 for success, 1 for a fault of the program, 2 for bad input, 130 if interrupted.
+/// exit code: 0 for success, 1 for a fault of the program or findings of `info --strict`, 2 for bad
+/// input, 130 if interrupted.
 pub fn run(ranks: &Ranks<'_>) -> u8 {
     let arguments = match Arguments::parse_words(std::env::args_os()) {
         Ok(arguments) => arguments,

@@ -62,6 +62,9 @@ fn shading_model_of(model: &Model, profile: Option<ProfileName>) -> Result<Shadi
             Ok(()) => Ok(ShadingModel::of_model(model)),
             Err(error) => Err(Failure::Input(format!("{error}, or name one of this version with --profile"))),
         },
+        Some(_) if model.are_materials => {
+            Err(Failure::Input("the file has only physical materials, which no profile trains; omit --profile".into()))
+        }
         Some(ProfileName::Official) => Ok(ShadingModel::OFFICIAL),
         Some(ProfileName::Specula) => Ok(ShadingModel::DEFERRED),
         Some(ProfileName::Paper) => Ok(ShadingModel::PAPER),

@@ -71,6 +71,10 @@ pub const BELOW: f32 = 4.0;
 /// Back depth of rays that hit only the fronts of triangles.
 pub const CULL_BACKFACES: f32 = -1.0;
 
+/// Largest number of open boxes of a ray that visits near ones first: one for each level of a
+/// hierarchy of two children each.
+const OPEN_MAX: usize = 64;
+
 /// Relative enlargement of triangles for rays, so that none passes between neighbours.
 const EDGE: f32 = 1e-5;
 /// Relative enlargement of boxes for rays, more than rounding shrinks them.
@@ -358,7 +362,61 @@ impl<A: AsRef<[f32]>> NearField<A> {
     /// Finds the first triangle whose front a ray hits; of several at the same distance, the first
     /// in order. A ray that is not finite hits nothing.
     pub fn first_hit<R: Real<Mask = bool>>(&self, origin: Vec3<R>, direction: Vec3<R>) -> Option<Hit<R>> {
-        self.hit_within(origin, direction, origin.x.constant(T_MISS))
+        let inverse = inverse_direction(direction);
+        let mut nearest: Option<Hit<R>> = None;
+        let mut reach = origin.x.constant(T_MISS);
+        // Open boxes, each with the distance at which the ray enters it.
+        let mut rest = [(0, reach.zero()); OPEN_MAX];
+        let mut open = 1;
+        while open > 0 {
+            open -= 1;
+            let (index, enter) = rest[open];
+            if !enter.less_or_equal(reach * (1.0 + BOX_MARGIN)) {
+                continue;
+            }
+            let [end, count] = self.extent(index);
+            if count > 0 {
+                for triangle in end..end + count {
+                    let corners = self.corners(triangle).map(|corner| self.position(corner, reach));
+                    let Crossing { distance, weights } =
+                        crossing(corners, origin, direction, reach.constant(CULL_BACKFACES));
+                    let is_first = nearest.is_some_and(|hit| triangle < hit.triangle && distance.less_or_equal(reach));
+                    if distance.less(reach) || is_first {
+                        reach = distance;
+                        nearest = Some(Hit { distance, triangle, weights });
+                    }
+                }
+                continue;
+            }
+            // The nearest child is next, so that its hits close boxes behind them.
+            let first = open;
+            let mut child = index + 1;
+            while child < end {
+                let node = self.numbers::<NODE_LEN>(NODE_LEN * child);
+                let [min, max] =
+                    [[node[0], node[1], node[2]], [node[4], node[5], node[6]]].map(|at| constant(at, reach));
+                let [enter, leave] = box_span(min, max, origin, inverse);
+                if enter.less_or_equal(leave) {
+                    if open == OPEN_MAX {
+                        return self.hit_within(origin, direction, origin.x.constant(T_MISS));
+                    }
+                    rest[open] = (child, enter);
+                    open += 1;
+                    if open > first + 1 && rest[open - 2].1.less_or_equal(enter) {
+                        rest.swap(open - 2, open - 1);
+                    }
+                }
+                child = if node[7] > 0.0 { child + 1 } else { node[3] as usize };
+            }
+        }
+        nearest
+    }
+
+    /// End of an inner node's descendants and 0, or a leaf's first triangle and their number.
+    #[inline(always)]
+    fn extent(&self, node: usize) -> [usize; 2] {
+        let numbers = self.numbers::<NODE_LEN>(NODE_LEN * node);
+        [numbers[3] as usize, numbers[7] as usize]
     }
 
     /// [`NearField::first_hit`] of rays side by side, each within `reach`, in lengths of its

@@ -28,9 +28,10 @@ use specula_io::{
     glb::{self, Attribute, Shading},
     latlong::{self, LatLong},
     light_table::LightTable,
-    model_folder, picture,
+    lint, model_folder, picture,
     pixels::Pixels,
     points_ply::{self, PointCloud},
+    splat, spz,
 };
 use specula_tests::strategies::as_many_as_wanted;
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
@@ -541,6 +542,48 @@ const GLTF: Target = Target {
     ..GLB
 };
 
+const SPZ: Target = Target {
+    file: "a.spz",
+    make: |folder| spz::write(&folder.join("a.spz"), &cloud(6, Layout::radiance(1))).unwrap(),
+    read: |folder| model_folder::open(&folder.join("a.spz")).map(|_| ()).map_err(sentence),
+    ..GLB
+};
+
+const SPLAT: Target = Target {
+    file: "a.splat",
+    make: |folder| splat::write(&folder.join("a.splat"), &cloud(6, Layout::radiance(0))).unwrap(),
+    read: |folder| model_folder::open(&folder.join("a.splat")).map(|_| ()).map_err(sentence),
+    memory: BYTES_OF_TABLES,
+    // Any number of whole records is a file.
+    needs_its_end: false,
+};
+
+const COMPRESSED: Target = Target {
+    file: "a.ply",
+    make: |folder| {
+        let ranges: String = ["min_", "max_", "min_scale_", "max_scale_"]
+            .iter()
+            .flat_map(|range| ["x", "y", "z"].map(|axis| format!("property float {range}{axis}\n")))
+            .collect();
+        let packed = ["position", "rotation", "scale", "color"].map(|name| format!("property uint packed_{name}\n"));
+        let (start, packed) = ("ply\nformat binary_little_endian 1.0\nelement chunk 1", packed.concat());
+        let header = format!("{start}\n{ranges}element vertex 6\n{packed}end_header\n");
+        let ranges = numbers(14, 12).into_iter().flat_map(f32::to_le_bytes);
+        let bytes: Vec<u8> = header.into_bytes().into_iter().chain(ranges).chain((0..96).map(|k| 37 * k)).collect();
+        fs::write(folder.join("a.ply"), bytes).unwrap();
+    },
+    read: |folder| gaussian_ply::read(&folder.join("a.ply")).map(|_| ()).map_err(sentence),
+    memory: BYTES_OF_TABLES,
+    needs_its_end: true,
+};
+
+/// Findings on any PLY file.
+const LINT: Target = Target {
+    read: |folder| lint::lint(&folder.join("a.ply")).map(|_| ()).map_err(sentence),
+    needs_its_end: false,
+    ..COMPRESSED
+};
+
 const NETWORK: Target = Target {
     file: "a.onnx",
     make: |folder| {
@@ -610,6 +653,10 @@ macro_rules! targets {
 
 targets! {
     gaussians: GAUSSIANS;
+    spz_files: SPZ;
+    splat_files: SPLAT;
+    compressed_gaussians: COMPRESSED;
+    findings: LINT;
     gltf: GLB;
     gltf_text: GLTF;
     points: POINTS;

@@ -12,7 +12,8 @@ use std::path::PathBuf;
 ///
 /// The extension of each FILE selects its format. Gaussians: .ply in INRIA's layout, which viewers
 /// of Gaussians open; .splat with 32 bytes per Gaussian and a view-independent colour; .spz,
-/// compressed; .glb, glTF with KHR_gaussian_splatting and an extension with the shading attributes.
+/// compressed; .glb, glTF with KHR_gaussian_splatting and an extension with the shading attributes;
+/// .usda and .usdz, OpenUSD with materials as primvars and the light as a dome.
 /// Light: .hdr or .exr, lat-long; .ktx2, prefiltered as by specula prefilter, and described in a
 /// .json of the same name. Mesh: .obj, or .ply with --mesh, fused from rendered depth maps. Page:
 /// .html, one file with the scene and a renderer that any browser with WebGPU runs, where it can be
@@ -21,7 +22,9 @@ use std::path::PathBuf;
 /// Other programs do not implement the shading function. With --bake sh, the default, the colours
 /// of shaded Gaussians are baked into spherical harmonics, fitted to the directions from which the
 /// training cameras see each Gaussian. They match except for sharp reflections, but cannot be
-/// relit. --bake diffuse exports only the diffuse colour, without reflections. The error of the
+/// relit. --bake diffuse exports only the diffuse colour, without reflections. --bake materials
+/// exports the physical materials of a model of train --relightable for programs that relight: the
+/// albedo as colour and, in .ply and .glb, normals, metalness and roughness. The error of the
 /// exported files is measured against pictures by specula and printed in dB.
 ///
 /// Positions and directions are those of the data set's world, unless --upright is given.
@@ -29,22 +32,25 @@ use std::path::PathBuf;
 #[command(after_help = "\
 Examples:
   specula export out/chair -o chair.ply
-  specula export out/chair -o chair.splat chair.spz chair.glb
+  specula export out/chair -o chair.splat chair.spz chair.glb chair.usdz
   specula export out/chair --env sunset.hdr -o sunset.ply       # under another light
+  specula export out/chair --bake materials -o chair.ply        # to relight elsewhere
   specula export out/chair -o light.exr light.ktx2
   specula export out/garden -o garden.splat --upright           # photographs, upright
   specula export out/chair -o chair.obj --voxels 384
   specula export out/chair -o chair.html --page-env sunset.hdr studio.exr
   specula export out/chair -o site/                             # for a web server")]
 pub(crate) struct Export {
-    /// Model folder, PLY or .glb file.
+    /// Model folder, .ply, .glb, .spz or .splat file.
     #[arg(value_name = "MODEL")]
     pub(crate) model: PathBuf,
-    /// Output files; the format is that of the extension: .ply, .splat, .spz, .glb, .hdr, .exr,
-    /// .ktx2, .obj, .html; a folder, with a slash at the end, holds a page for a web server.
+    /// Output files; the format is that of the extension: .ply, .splat, .spz, .glb, .usda, .usdz,
+    /// .hdr, .exr, .ktx2, .obj, .html; a folder, with a slash at the end, holds a page for a web
+    /// server.
     #[arg(long, short, value_name = "FILE", num_args = 1.., required = true)]
     pub(crate) output: Vec<PathBuf>,
-    /// Colours of a shaded scene in other programs: spherical harmonics, or the diffuse colour.
+    /// Colours of a shaded scene in other programs: spherical harmonics, the diffuse colour, or
+    /// the albedo with materials.
     #[arg(long, value_enum, default_value_t = BakeName::Sh)]
     pub(crate) bake: BakeName,
     /// Degree of the spherical harmonics, 0 to 3; by default 3, or that of an unshaded scene.
@@ -77,8 +83,8 @@ pub(crate) struct Export {
     #[arg(long, value_enum, default_value_t = Up::Z)]
     pub(crate) up: Up,
     /// Align the scene: up direction along the up axis of the format (-y in .ply and .splat, +y in
-    /// .spz, .glb and meshes, --up in lights), its centre at the origin, its cameras at a median
-    /// distance of 4, the first one in front.
+    /// .spz, .glb, .usda and meshes, --up in lights), its centre at the origin, its cameras at a
+    /// median distance of 4, the first one in front.
     #[arg(long)]
     pub(crate) upright: bool,
     /// Skip measuring the error of the exported files.
@@ -98,4 +104,6 @@ pub(crate) enum BakeName {
     Sh,
     /// Diffuse colour.
     Diffuse,
+    /// Albedo, metalness and roughness.
+    Materials,
 }

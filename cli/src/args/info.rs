@@ -4,7 +4,11 @@
 use clap::Args;
 use std::path::PathBuf;
 
-/// Print the contents of a model, a PLY or .glb file or a data set.
+/// Print the contents of a model, a file of Gaussians or a data set.
+///
+/// Files are also checked for faults and oddities, each with its effect on viewers: numbers that
+/// are not finite, opacities and scales that are no logits and logarithms, quats that are not
+/// normalised, order of columns and harmonics, missing normals, headers that break loaders.
 ///
 /// For a scene, this includes the data that rendering colours skips because they do not depend on
 /// it, and the savings: bytes read per Gaussian, channels blended per splat and pixel, texels of
@@ -14,12 +18,16 @@ use std::path::PathBuf;
 /// turned, blur, changes of exposure, sides that no camera sees.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "Examples:\n  specula info out/chair\n  specula info scene.ply --json\n  specula info data/chair"
+    after_help = "Examples:\n  specula info out/chair\n  specula info scene.ply --json\n  specula info scene.spz --strict\n  \
+                  specula info data/chair"
 )]
 pub(crate) struct Info {
-    /// Model folder, PLY or .glb file, or data set folder.
+    /// Model folder, .ply, .spz, .splat or .glb file, or data set folder.
     #[arg(value_name = "PATH")]
     pub(crate) path: PathBuf,
+    /// Fail if a file of Gaussians has a fault or an oddity.
+    #[arg(long)]
+    pub(crate) strict: bool,
     /// Print JSON.
     #[arg(long)]
     pub(crate) json: bool,

@@ -34,7 +34,7 @@ Examples:
   specula eval out/chair --storage f16
   specula eval scene.ply -s data/chair --background white --json")]
 pub(crate) struct Eval {
-    /// Model folder, PLY or .glb file.
+    /// Model folder, .ply, .glb, .spz or .splat file.
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
     /// Data set folder; by default the one that the model was trained on.
@@ -133,8 +133,8 @@ Examples:
   specula report                               # the demo's scene, in three minutes
   specula report out/chair -o out/chair-report --size 200")]
 pub(crate) struct Report {
-    /// Model folder, PLY or .glb file; by default the demo's scene, which is trained first unless
-    /// the demo has been run.
+    /// Model folder, .ply, .glb, .spz or .splat file; by default the demo's scene, which is trained
+    /// first unless the demo has been run.
     #[arg(value_name = "SCENE")]
     pub(crate) model: Option<PathBuf>,
     /// Output folder.

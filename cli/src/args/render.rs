@@ -18,8 +18,8 @@ use std::path::PathBuf;
 
 /// Render a scene: its colours, normals, depth and other layers.
 ///
-/// SCENE is a model folder, or any PLY or .glb file of Gaussians. The cameras are those of the test
-/// views of the model, unless --cameras or --turntable is given. Pictures are written to
+/// SCENE is a model folder, or any .ply, .glb, .spz or .splat file. The cameras are those of the
+/// test views of the model, unless --cameras or --turntable is given. Pictures are written to
 /// MODEL/test/ours_N/renders/00000.png and so on, with the ground truth in gt if the data set is
 /// available; with -o, to OUT/LAYER/00000.png.
 ///
@@ -38,7 +38,7 @@ Examples:
   specula render scene.ply --turntable 36 --size 640,480 -o turn
   specula render scene.ply --cameras cameras.json -o pictures")]
 pub(crate) struct Render {
-    /// Model folder, PLY or .glb file.
+    /// Model folder, .ply, .glb, .spz or .splat file.
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
     #[command(flatten)]
@@ -101,7 +101,7 @@ Examples:
   specula relight out/spheres --lights evening.toml --turn-light 48 -o evening
   specula relight out/spheres --env forest.hdr --truth data/spheres/relight/forest")]
 pub(crate) struct Relight {
-    /// Model folder, PLY or .glb file.
+    /// Model folder, .ply, .glb, .spz or .splat file.
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
     #[command(flatten)]

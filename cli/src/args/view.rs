@@ -36,7 +36,7 @@ Examples:
   specula view out/chair --listen 0.0.0.0:7008    # from a phone in the same network
   specula train data/chair -m out/chair --view    # a scene during its training")]
 pub(crate) struct View {
-    /// Model folder, PLY or .glb file.
+    /// Model folder, .ply, .glb, .spz or .splat file.
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
     /// Address to listen on; port 0 selects a free one.

@@ -13,10 +13,13 @@ use specula_core::{camera::Camera, rules::Channels, scene::Environment};
 use specula_cpu::CpuExecutor;
 use specula_io::{Error, latlong, mesh, orientation::Orientation, origin};
 use specula_scene::{
-    OpenedModel, RenderOptions, Scene, SceneRenderer,
+    OpenedModel, RenderOptions, Scene, SceneError, SceneRenderer, Shading,
     backdrop::BackgroundColor,
     environment::radiance,
-    export::{BakeMethod, ExportFormat, GaussianFormat, PlainGaussians, ReferencePictures, is_of_model, visible},
+    export::{
+        BakeMethod, ExportFormat, GaussianFormat, PlainGaussians, ReferencePictures, is_of_model, read_relightable,
+        visible,
+    },
     fusion,
     number::group_digits,
     orbit::evenly_spaced,
@@ -106,7 +109,7 @@ struct Baked {
 }
 
 fn format_of(path: &Path, is_mesh: bool) -> Result<ExportFormat, Failure> {
-    let expected = ".ply, .splat, .spz or .glb (Gaussians), .hdr, .exr or .ktx2 (light), .obj (mesh), .html or a \
+    let expected = ".ply, .splat, .spz, .glb, .usda or .usdz (Gaussians), .hdr, .exr or .ktx2 (light), .obj (mesh), .html or a \
                     slash (page)";
     if path.is_dir() || path.as_os_str().to_string_lossy().ends_with(std::path::is_separator) {
         return Ok(ExportFormat::PageFolder);
@@ -147,10 +150,15 @@ impl Exporter<'_> {
         if let Entry::Vacant(entry) = baked.plains.entry(degree) {
             entry.insert(self.plain(degree)?);
         }
-        if baked.references.is_none() && !self.args.no_error {
+        // An albedo has no picture to compare with; materials are lit by the scene's light.
+        let is_lit = format == GaussianFormat::Ply && self.scene().light.is_some();
+        let has_pictures = self.args.bake != BakeName::Materials || is_lit;
+        let is_compared = has_pictures && !self.args.no_error;
+        if baked.references.is_none() && is_compared {
             baked.references = Some(self.references()?);
         }
-        self.write_gaussians(path, format, &baked.plains[&degree], baked.references.as_ref())
+        let references = baked.references.as_ref().filter(|_| is_compared);
+        self.write_gaussians(path, format, &baked.plains[&degree], references)
     }
 
     fn scene(&self) -> &Scene {
@@ -165,6 +173,7 @@ impl Exporter<'_> {
         match self.args.bake {
             BakeName::Sh => BakeMethod::Harmonics,
             BakeName::Diffuse => BakeMethod::Diffuse,
+            BakeName::Materials => BakeMethod::Materials,
         }
     }
 
@@ -185,7 +194,10 @@ impl Exporter<'_> {
             )));
         }
         let is_shaded = all.layout.is_shaded();
-        if is_shaded && self.scene().light.is_none() {
+        if self.args.bake == BakeName::Materials && !all.layout.is_physical {
+            return Err(Failure::Input(format!("{}; train it with --relightable", SceneError::NoMaterials)));
+        }
+        if is_shaded && self.args.bake == BakeName::Sh && self.scene().light.is_none() {
             tracing::warn!("the scene has no light, so nothing specular is baked; add one with --env");
         }
         let cameras = if is_shaded { self.opened.surrounding_cameras(SPHERE)? } else { Vec::new() };
@@ -208,15 +220,24 @@ impl Exporter<'_> {
         references: Option<&ReferencePictures>,
     ) -> Result<(), Failure> {
         let upright = self.upright(format.axes());
-        let mut comments = vec![PlainGaussians::provenance(self.scene(), self.method(), upright.is_some())];
+        let mut comments =
+            vec![PlainGaussians::provenance(self.scene(), self.method(), upright.is_some() && !format.has_node())];
         comments.extend(self.origin());
         let stored = plain.write(path, format, self.scene(), upright.as_ref(), &comments)?;
         let mut losses = plain.losses(self.scene(), format, self.method());
         if let Some(references) = references {
-            let placed = upright.filter(|_| format != GaussianFormat::Glb);
+            let placed = upright.filter(|_| !format.has_node());
             let work = progress::work("comparing", references.count() as u64);
             let progress = |done| work.done(done as u64, String::new);
-            let error = references.compare(stored, placed.as_ref(), progress)?;
+            let error = if self.args.bake == BakeName::Materials {
+                references.compare_scene(
+                    read_relightable(path, self.light_in(placed.as_ref()))?,
+                    placed.as_ref(),
+                    progress,
+                )?
+            } else {
+                references.compare(stored, placed.as_ref(), progress)?
+            };
             work.finish();
             losses = format!("{losses}; {error}");
         }
@@ -229,7 +250,10 @@ impl Exporter<'_> {
         let cameras = evenly_spaced(&cameras, COMPARED_MAX);
         let work = progress::work("comparing", cameras.len() as u64);
         let progress = |done| work.done(done as u64, String::new);
-        let scene = self.scene().clone();
+        let mut scene = self.scene().clone();
+        if self.args.bake == BakeName::Materials {
+            scene = scene.shaded(Shading::Physical)?;
+        }
         let references = ReferencePictures::render(scene, cameras, self.background.0, self.options(), progress)?;
         work.finish();
         Ok(references)
@@ -243,6 +267,12 @@ impl Exporter<'_> {
                 self.args.model
             ))
         })
+    }
+
+    /// Light of the scene, in an upright world if the scene is placed there.
+    fn light_in(&self, placed: Option<&Upright>) -> Option<Environment<Vec<f32>>> {
+        let light = self.scene().light.as_ref()?;
+        Some(placed.map_or_else(|| light.clone(), |upright| upright.light(&radiance(light), light.resolution)))
     }
 
     /// Transform into an upright world with the up axis of lights, if requested.

@@ -171,7 +171,9 @@ fn every_example_of_every_help_runs() {
     for example in &examples {
         let line = shortened(example);
         // Captures, demos, reports and searches of settings take long, and have tests of their own.
-        let is_long = ["specula demo", "specula report", "specula capture", "specula make"].iter().any(|start| line.starts_with(start));
+        let is_long = ["specula demo", "specula report", "specula capture", "specula make"]
+            .iter()
+            .any(|start| line.starts_with(start));
         let is_long = is_long || line.contains("--max-error");
         if is_server(&line) || is_long {
             starts(&line, &folder, if is_server(&line) { "http://" } else { "" });

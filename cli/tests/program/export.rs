@@ -45,14 +45,14 @@ const HALF_A_BYTE: f32 = 0.5 / 255.0 + 1e-5;
 const HALVES: f32 = 1e-3;
 
 /// A shiny ball, each Gaussian flat on it, in the folder of a model.
-struct Ball {
-    tiny: Tiny,
-    gaussians: Gaussians<Vec<f32>>,
+pub(crate) struct Ball {
+    pub(crate) tiny: Tiny,
+    pub(crate) gaussians: Gaussians<Vec<f32>>,
 }
 
 impl Ball {
     /// Under a light that is given for every direction.
-    fn under(light: impl Fn([f64; 3]) -> [f32; 3]) -> Self {
+    pub(crate) fn under(light: impl Fn([f64; 3]) -> [f32; 3]) -> Self {
         Self::of(light, |_| [0.3, 0.1, 0.05], 0.3)
     }
 
@@ -108,7 +108,7 @@ impl Ball {
     }
 
     /// Exports to a file; returns its path and what was said.
-    fn export(&self, name: &str, words: &[&str]) -> (PathBuf, String) {
+    pub(crate) fn export(&self, name: &str, words: &[&str]) -> (PathBuf, String) {
         let path = self.tiny.path(name);
         let mut command = specula();
         command.arg("export").arg(self.model()).arg("-o").arg(&path).args(words).arg("--quiet");
@@ -133,7 +133,7 @@ fn on_sphere(k: usize, count: usize) -> Vec3 {
 }
 
 /// Brighter above, and coloured by the direction: nothing sharp.
-fn soft([x, y, z]: [f64; 3]) -> [f32; 3] {
+pub(crate) fn soft([x, y, z]: [f64; 3]) -> [f32; 3] {
     [0.5 + 0.3 * z, 0.4 + 0.2 * x, 0.4 + 0.2 * y].map(|x| x as f32)
 }
 
@@ -300,6 +300,116 @@ fn a_physical_ball_is_baked_under_another_light() {
     let (other, _) = ball.export("other.ply", &["--no-error"]);
     let red = |rows: &[BTreeMap<String, f32>]| rows.iter().map(|row| row["f_dc_0"]).sum::<f32>();
     assert!(red(&rows) != red(&ply_rows(&other)), "the light is another");
+}
+
+/// Materials of the ball are those of the scene, and their file is lit like the model.
+#[test]
+fn materials_are_written_for_programs_that_relight() {
+    /// Normals of the scene are turned to each camera, those of the file to all of them.
+    const ENOUGH: f64 = 45.0;
+    let ball = Ball::under(soft);
+    let sky = two_colours(&ball);
+    let (path, said) = ball.export("ball.ply", &["--bake", "materials", "--env", sky.to_str().unwrap()]);
+    assert!(decibels(&said) > ENOUGH, "{said}");
+    for row in ply_rows(&path) {
+        let place: [f32; 3] = columns(&row, ["x", "y", "z"]);
+        let index = ball.at(place, ROUNDED);
+        assert_near(&columns(&row, ["nx", "ny", "nz"]), &place, ROUNDED, "the normal of a ball");
+        let color = columns(&row, ["f_dc_0", "f_dc_1", "f_dc_2"]).map(|number: f32| 0.5 + Y0 * number);
+        assert_near(&color, &[0.7, 0.5, 0.2].map(srgb_from_linear), ROUNDED, "the albedo");
+        for names in [["metallicFactor", "roughnessFactor"], ["pm", "pr"]] {
+            assert_near(&columns(&row, names), &[0.25, 0.3], ROUNDED, "metalness and roughness");
+        }
+        assert_near(&columns(&row, ["opacity"]), &ball.gaussians.get::<1>(index, OPACITY), ROUNDED, "a logit");
+        assert!(!row.contains_key("f_rest_0"), "colours do not depend on the view");
+    }
+    specula().arg("info").arg(&path).args(["--strict", "--quiet"]).assert().success();
+    let (_, said) = ball.export("ball.spz", &["--bake", "materials"]);
+    assert!(said.contains("relight its .ply instead") && !said.contains("PSNR"), "{said}");
+    let (harmonics, _) = ball.export("harmonics.ply", &["--no-error"]);
+    let mut command = specula();
+    command.arg("export").arg(&harmonics).arg("-o").arg(ball.tiny.path("none.ply")).args(["--bake", "materials"]);
+    command.assert().code(2);
+    let strict =
+        specula().arg("info").arg(&harmonics).args(["--strict", "--quiet"]).assert().code(1).get_output().clone();
+    let said = String::from_utf8(strict.stdout).unwrap();
+    assert!(said.contains("1 comments: loaders that expect the vertex count"), "{said}");
+}
+
+/// Files of `docs/shading-extension` follow its schema, in the part of JSON Schema that it uses.
+fn follows(value: &Value, schema: &Value, place: &str) {
+    if let Some(known) = schema["enum"].as_array() {
+        assert!(known.contains(value), "{place}: {value}");
+    }
+    if let Some(constant) = schema.get("const") {
+        assert_eq!(value, constant, "{place}");
+    }
+    if let Some(minimum) = schema["minimum"].as_u64() {
+        assert!(value.as_u64().is_some_and(|number| number >= minimum), "{place}: {value}");
+    }
+    for name in schema["required"].as_array().into_iter().flatten() {
+        assert!(value.get(name.as_str().unwrap()).is_some(), "{place} lacks {name}");
+    }
+    for (name, value) in value.as_object().filter(|_| schema["type"] == "object").into_iter().flatten() {
+        let schema = schema["properties"].get(name).unwrap_or_else(|| panic!("{place} has {name}"));
+        follows(value, schema, &format!("{place}/{name}"));
+    }
+}
+
+#[test]
+fn samples_of_the_shading_extension_follow_its_schema_and_open() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/shading-extension");
+    let json = |path: &Path| -> Value { serde_json::from_slice(&fs::read(path).unwrap()).unwrap() };
+    let schema = json(&folder.join("SPECULA_shading.schema.json"));
+    let extension = |path: &Path| -> Value {
+        let file = gltf::Gltf::from_slice_without_validation(&fs::read(path).unwrap()).unwrap();
+        let primitive = serde_json::to_value(&file.document.into_json().meshes[0].primitives[0]).unwrap();
+        primitive["extensions"]["KHR_gaussian_splatting"]["extensions"]["SPECULA_shading"].clone()
+    };
+    let sample = |name: &str| folder.join(name);
+    for name in ["view.gltf", "physical.gltf"] {
+        let shading = extension(&sample(name));
+        assert!(shading.is_object(), "{name}");
+        follows(&shading, &schema, name);
+        specula().arg("info").arg(sample(name)).args(["--strict", "--quiet"]).assert().success();
+        let scene = OpenedModel::open(&sample(name)).unwrap().scene;
+        let light = scene.light.unwrap();
+        assert_eq!((scene.gaussians.count, light.resolution), (2, 16));
+        assert_eq!((&light.values[..3], &light.values[light.values.len() - 3..]), (&[0.25; 3][..], &[0.25; 3][..]));
+        let upper = 4 * 16 * 16 * 3;
+        assert_eq!(light.values[upper..upper + 3], [1.0, 0.5, 0.25]);
+        // In the order of space, the first is the one at the origin.
+        let is_first = scene.gaussians.get::<1>(0, MEAN) == [0.0];
+        assert_near(&scene.gaussians.get::<1>(usize::from(!is_first), ROUGHNESS).map(sigmoid), &[0.25], ROUNDED, name);
+        assert_eq!(scene.gaussians.layout.is_physical, name == "physical.gltf");
+    }
+    // What export writes follows the schema, too.
+    let ball = Ball::under(soft);
+    let (path, _) = ball.export("ball.glb", &["--no-error"]);
+    follows(&extension(&path), &schema, "ball.glb");
+}
+
+#[test]
+fn a_stage_has_the_scene_its_materials_and_its_light() {
+    let ball = Ball::under(soft);
+    let (path, said) = ball.export("ball.usda", &["--bake", "materials"]);
+    assert!(said.contains("the light a DomeLight"), "{said}");
+    let text = fs::read_to_string(&path).unwrap();
+    for line in [
+        "defaultPrim = \"Scene\"",
+        "metersPerUnit = 1",
+        "upAxis = \"Z\"",
+        "uniform int radiance:sphericalHarmonicsDegree = 0",
+        "asset inputs:texture:file = @./ball.light.exr@ (",
+    ] {
+        assert!(text.contains(line), "{line}");
+    }
+    let (light, _) = latlong::read(&ball.tiny.path("ball.light.exr")).unwrap();
+    let centre = light.rgb[3 * (light.width * light.height / 2 + light.width / 2)..][..3].to_vec();
+    assert_near(&centre, &soft([0.0, 0.0, 1.0]), 0.1, "+z is in the centre");
+    let (upright, _) = ball.export("ball.usdz", &["--upright", "--no-error"]);
+    let bytes = fs::read(upright).unwrap();
+    assert!(bytes.starts_with(b"PK") && bytes.windows(12).any(|word| word == b"upAxis = \"Y\""), "y up");
 }
 
 /// The model's test views as a file of cameras.

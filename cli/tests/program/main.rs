@@ -13,6 +13,7 @@ mod eval;
 mod examples;
 mod export;
 mod following_light;
+mod foreign;
 mod glossy;
 mod known_light;
 mod lamps;

@@ -21,6 +21,14 @@ pub const PIXELS_MAX: u64 = 1 << 27;
 /// Gaussians, points and records of a scene: 36 million Gaussians with harmonics of degree 3 fit.
 pub(crate) const SCENE: Budget =
     Budget { kind: "a scene", any: 8 << 30, for_each: 0, remedy: "remove what is not needed, or split it" };
+/// Gaussians of a compressed file: thirty bytes of memory per byte of an ordinary one; only clouds
+/// of nearly equal Gaussians reach this limit.
+pub(crate) const PACKED: Budget = Budget {
+    kind: "Gaussians from a compressed file of that size",
+    any: 896 << 20,
+    for_each: 90,
+    remedy: "save them as a PLY",
+};
 /// One picture with all conversions: 80 megapixels of a photograph, and more for a large file. A
 /// photograph takes ten bytes of memory per byte of its file, so only pictures of nearly one colour
 /// reach this limit.

@@ -396,6 +396,14 @@ pub enum Error {
         /// Fault.
         cause: String,
     },
+    /// A `.spz`, `.splat` or compressed PLY file is invalid.
+    #[error("cannot read the Gaussians of {path:?}: {cause}")]
+    Splats {
+        /// The file.
+        path: PathBuf,
+        /// Fault.
+        cause: String,
+    },
     /// The network of a light is invalid.
     #[error("cannot read the light's network {path:?}: {cause}")]
     LightNetwork {

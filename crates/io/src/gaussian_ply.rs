@@ -10,22 +10,36 @@
 //! * physical materials: GaussianShader's, then albedo, metallic, ambient (linear)
 //! * Mip-Splatting: any, then filter_3D, the deviation of each Gaussian's filter in space
 //! * 2D Gaussian splatting: the first, without scale_2
+//! * relightable, as mesh2splat and PBR-GS of other programs: x y z, nx ny nz (unit normals),
+//!   f_dc = (γ(a) − ½) / Y₀ of the linear base colour a with the sRGB curve γ and Y₀ = 0.2821,
+//!   metallicFactor and roughnessFactor or pm and pr (both in \[0, 1\]; perceptual roughness),
+//!   opacity, scale, rot; read as a physical material
+//!
+//! * compressed: PlayCanvas's layout of integers in chunks, read only
 //!
 //! The layout follows from the columns; other columns are ignored and noted.
 
 use crate::{
     affine::SCALE_MIN,
+    compressed_ply,
     error::{Error, Result},
     kinds,
+    splat::unit,
     table::{Columns, Table},
     whole_file,
 };
 use specula_core::{
     activation::logit,
+    color::linear_from_srgb,
+    covariance::rotation,
+    normal::{AxisRule, axis},
     scene::{
         ALBEDO, AMBIENT, Appearance, DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, METALNESS, NORMAL_RESIDUAL_1,
-        NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS, TINT,
+        NORMAL_RESIDUAL_2, OPACITY, QUAT, ROUGHNESS, TINT, len_of_values,
     },
+    sh::Y0,
+    shade::ShadingRules,
+    vector::vec3,
 };
 use std::{
     io::{self, Write},
@@ -38,6 +52,14 @@ const FILTER: &str = "filter_3D";
 const METALNESS_NAME: &str = "metallic";
 /// Properties that only GaussianShader's layout has.
 const OF_SHADED: [&str; 6] = ["nx2", "ny2", "nz2", "specular0", "specular1", "specular2"];
+/// Properties of metalness and roughness in relightable files; the first two pairs are written.
+const SURFACE_NAMES: [[&str; 2]; 3] = [["metallicFactor", "roughnessFactor"], ["pm", "pr"], ["metallic", "roughness"]];
+/// Properties of normals.
+const NORMAL_NAMES: [&str; 3] = ["nx", "ny", "nz"];
+/// First column of normals, then of metalness and roughness, when a relightable file is read: after
+/// the planes of plain Gaussians of degree 0.
+const NORMAL: usize = Layout::radiance(0).plane_count();
+const SURFACE: usize = NORMAL + 3;
 const RADIANCE_LAYOUT: &str = "the layout of 3D Gaussian splatting";
 const SHADED_LAYOUT: &str = "GaussianShader's layout";
 /// Thickness of a flat Gaussian, relative to its smaller axis.
@@ -56,6 +78,21 @@ pub struct GaussianFile {
     pub comments: Vec<String>,
     /// Notes on parts of the file that are ignored or changed, one sentence each.
     pub notes: Vec<String>,
+    /// Whether the file is relightable, so that its shading model is known.
+    pub are_materials: bool,
+}
+
+/// Physical material of a Gaussian for other programs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfaceMaterial {
+    /// Unit normal.
+    pub normal: [f32; 3],
+    /// Linear base colour, 0 to 1.
+    pub albedo: [f32; 3],
+    /// Metalness, 0 to 1.
+    pub metalness: f32,
+    /// Perceptual roughness, 0 to 1.
+    pub roughness: f32,
 }
 
 /// A column of a file: its name and its source.
@@ -71,6 +108,8 @@ enum Holds {
     Plane(usize),
     /// Component of the normals of plain Gaussians, zero without normals.
     Normal(usize),
+    /// Metalness (0) or roughness (1) of a relightable file.
+    Surface(usize),
 }
 
 /// Reads Gaussians in the layout of the columns. Infinite opacities and scales of minus infinity,
@@ -81,39 +120,149 @@ enum Holds {
 /// An error of [`Error`] for files that cannot be read or parsed, exceed their memory budget, hold
 /// no Gaussians, or numbers that are not finite.
 pub fn read(path: &Path) -> Result<GaussianFile> {
+    if let Some(file) = compressed_ply::read(path)? {
+        return Ok(file);
+    }
+    let Contents { mut columns, layout, surface, is_flat, comments, mut notes } = contents(path)?;
+    let count = columns.count();
+    notes.extend(note_infinities(path, replace_infinities(&mut columns, count, is_flat)));
+    columns.refuse_non_finite(path)?;
+    notes.extend(note_no_rotations(path, (0..count).filter(|row| columns.get(*row, QUAT) == [0.0; 4]).count()));
+    notes.extend(note_lengths(path, &columns, count));
+    if surface.is_some() {
+        let gaussians = with_materials(&columns, count);
+        return Ok(GaussianFile { gaussians, comments, notes, are_materials: true });
+    }
+    let gaussians = Gaussians { count, layout, values: columns.values };
+    Ok(GaussianFile { gaussians, comments, notes, are_materials: false })
+}
+
+/// Columns of a file as they are, and their meaning.
+struct Contents {
+    columns: Columns,
+    layout: Layout,
+    /// Properties of metalness and roughness of a relightable file.
+    surface: Option<[&'static str; 2]>,
+    /// Whether scales have two axes.
+    is_flat: bool,
+    comments: Vec<String>,
+    notes: Vec<String>,
+}
+
+fn contents(path: &Path) -> Result<Contents> {
     let mut table = Table::open(path)?;
     let comments = core::mem::take(&mut table.comments);
     if !["f_dc_0", "opacity", "scale_0", "rot_0"].iter().any(|name| table.has(name)) && table.has("x") {
         return Err(kinds::points_or_mesh(path, table.has_faces));
     }
-    let layout = layout_of(path, &table)?;
-    let count = table.count();
+    let surface = surface_names(&table);
+    let layout = if surface.is_some() { Layout::radiance(0) } else { layout_of(path, &table)? };
     let mut names = names_by_plane(layout);
-    let mut notes = Vec::from_iter(note_left_out(path, &table, layout));
+    let mut notes = Vec::from_iter(note_left_out(path, &table, layout, surface.is_some()));
+    if let Some(surface) = surface {
+        names.extend(NORMAL_NAMES.into_iter().chain(surface).map(str::to_owned));
+    }
     let is_flat = table.has("scale_1") && !table.has("scale_2");
     if is_flat {
         // Plane of the same length; its numbers are replaced.
         names[LOG_SCALE + 2] = "scale_1".to_owned();
         notes.push(format!("{path:?} has two scales, as in 2D Gaussian splatting; its Gaussians are rendered flat"));
     }
-    let mut columns = table.read_any(&names, name_of(layout))?;
-    notes.extend(note_infinities(path, replace_infinities(&mut columns, count, is_flat)));
-    columns.refuse_non_finite(path)?;
-    notes.extend(note_no_rotations(path, (0..count).filter(|row| columns.get(*row, QUAT) == [0.0; 4]).count()));
-    notes.extend(note_lengths(path, &columns, count));
-    Ok(GaussianFile { gaussians: Gaussians { count, layout, values: columns.values }, comments, notes })
+    let columns = table.read_any(&names, name_of(layout))?;
+    Ok(Contents { columns, layout, surface, is_flat, comments, notes })
+}
+
+/// Numbers of a file as they are, for [`crate::lint`].
+pub(crate) struct Numbers {
+    /// Gaussians, some of whose numbers may not be finite.
+    pub(crate) gaussians: Gaussians<Vec<f32>>,
+    /// Whether the file is compressed.
+    pub(crate) is_compressed: bool,
+    /// Whether the file is relightable.
+    pub(crate) is_relightable: bool,
+    /// Whether any normal is not zero.
+    pub(crate) has_normals: bool,
+}
+
+/// Reads a file without replacing or refusing numbers.
+pub(crate) fn numbers(path: &Path) -> Result<Numbers> {
+    if let Some(GaussianFile { gaussians, .. }) = compressed_ply::read(path)? {
+        return Ok(Numbers { gaussians, is_compressed: true, is_relightable: false, has_normals: false });
+    }
+    let Contents { columns, layout, surface, .. } = contents(path)?;
+    let (count, is_relightable) = (columns.count(), surface.is_some());
+    let table = Table::open(path)?;
+    let names = NORMAL_NAMES.map(str::to_owned);
+    let has_normals = names.iter().all(|name| table.has(name))
+        && table.read_any::<f32>(&names, name_of(layout))?.values.iter().any(|number| *number != 0.0);
+    let gaussians = match is_relightable {
+        true => with_materials(&columns, count),
+        false => Gaussians { count, layout, values: columns.values },
+    };
+    Ok(Numbers { gaussians, is_compressed: false, is_relightable, has_normals })
+}
+
+/// Properties of metalness and roughness, if a file is relightable.
+fn surface_names(table: &Table) -> Option<[&'static str; 2]> {
+    let has_normals = NORMAL_NAMES.iter().all(|name| table.has(name));
+    let is_shaded = OF_SHADED.iter().any(|name| table.has(name));
+    let found = SURFACE_NAMES.into_iter().find(|names| names.iter().all(|name| table.has(name)));
+    found.filter(|_| has_normals && !is_shaded)
+}
+
+/// Physical materials from the columns of a relightable file, in the convention of files. Their
+/// view-dependent colour, for pictures without a light, is the base colour.
+fn with_materials(columns: &Columns, count: usize) -> Gaussians<Vec<f32>> {
+    let (layout, plain) = (Layout::shaded(None).physical(), Layout::radiance(0));
+    let first = layout.sh_end();
+    let mut gaussians = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
+    for row in 0..count {
+        // Means, log scales, quats and opacities have the same planes in every layout.
+        gaussians.set(row, MEAN, columns.get::<DIFFUSE>(row, MEAN));
+        let encoded = columns.get::<3>(row, plain.sh_start()).map(|number| 0.5 + Y0 * number);
+        let albedo = encoded.map(|channel| logit(linear_from_srgb(channel.clamp(0.0, 1.0))));
+        let [metalness, roughness] = columns.get(row, SURFACE).map(logit);
+        gaussians.set(row, DIFFUSE, albedo.map(|logit| logit + ShadingRules::OFFICIAL.diffuse_shift()));
+        gaussians.set(row, TINT, [logit(0.0); 3]);
+        gaussians.set(row, ROUGHNESS, [roughness]);
+        let [first_residual, second_residual] = residuals(&gaussians, row, columns.get(row, NORMAL));
+        gaussians.set(row, NORMAL_RESIDUAL_1, first_residual);
+        gaussians.set(row, NORMAL_RESIDUAL_2, second_residual);
+        gaussians.set(row, first + ALBEDO, albedo);
+        gaussians.set(row, first + METALNESS, [metalness]);
+        gaussians.set(row, first + AMBIENT, [1.0; 3]);
+    }
+    gaussians
+}
+
+/// Residuals, in the convention of files, with which a Gaussian has this normal or its opposite, on
+/// the side of the viewer that its shortest axis is on, as trained ones. Without a normal they are
+/// zero, which leaves the axis.
+fn residuals(gaussians: &Gaussians<Vec<f32>>, row: usize, normal: [f32; 3]) -> [[f32; 3]; 2] {
+    let [x, y, z] = gaussians.get(row, LOG_SCALE);
+    let axis = axis(AxisRule::Shortest, &rotation(gaussians.get(row, QUAT)), vec3(x, y, z)).to_array();
+    let along: f32 = axis.iter().zip(normal).map(|(a, n)| a * n).sum();
+    if normal == [0.0; 3] {
+        return [[0.0; 3]; 2];
+    }
+    let residual: [f32; 3] = core::array::from_fn(|k| along.signum() * normal[k] - axis[k]);
+    [residual, residual.map(|x| -x)]
 }
 
 /// Note on columns that are not part of the layout.
-fn note_left_out(path: &Path, table: &Table, layout: Layout) -> Option<String> {
-    let known = columns(layout);
-    let left_out: Vec<&str> = table.names().filter(|name| known.iter().all(|column| column.name != *name)).collect();
+fn note_left_out(path: &Path, table: &Table, layout: Layout, is_relightable: bool) -> Option<String> {
+    let known = if is_relightable { relightable_columns() } else { columns(layout) };
+    let is_read = |name: &str| {
+        known.iter().any(|column| column.name == name)
+            || (is_relightable && SURFACE_NAMES.as_flattened().contains(&name))
+    };
+    let left_out: Vec<&str> = table.names().filter(|name| !is_read(name)).collect();
     let names = left_out.iter().take(NAMES_MAX).copied().collect::<Vec<_>>().join(", ");
     let more = match left_out.len().saturating_sub(NAMES_MAX) {
         0 => String::new(),
         more => format!(" and {more} more"),
     };
-    let layout = name_of(layout);
+    let layout = if is_relightable { "the relightable layout" } else { name_of(layout) };
     (!left_out.is_empty()).then(|| format!("{path:?} is read in {layout}; its columns {names}{more} are ignored"))
 }
 
@@ -139,7 +288,7 @@ fn replace_infinities(columns: &mut Columns, count: usize, is_flat: bool) -> [us
 }
 
 /// Finite logarithms of scales, some of which may be zero.
-fn thin(log_scales: [f32; 3]) -> [f32; 3] {
+pub(crate) fn thin(log_scales: [f32; 3]) -> [f32; 3] {
     let finite = log_scales.into_iter().filter(|log_scale| *log_scale != f32::NEG_INFINITY);
     let smallest = finite.fold(f32::INFINITY, f32::min);
     let thin = if smallest == f32::INFINITY { (SCALE_MIN as f32).ln() } else { smallest + FLAT.ln() };
@@ -201,8 +350,44 @@ pub fn write_with_normals(
     let columns = columns(gaussians.layout);
     whole_file::write(path, |out| {
         write_header(out, gaussians.count, &columns, comments)?;
-        write_rows(out, gaussians, normals, &columns)
+        write_rows(out, gaussians, &columns, |gaussian, holds| match (holds, normals) {
+            (Holds::Normal(k), Some(normals)) => normals[gaussian][k],
+            _ => 0.0,
+        })
     })
+}
+
+/// Writes a relightable file: plain Gaussians of degree 0, whose colours are sRGB-encoded albedos,
+/// and their materials. Quats are normalised. It has no comments, which some loaders reject.
+///
+/// # Errors
+///
+/// [`Error::Write`] if the file cannot be written.
+pub fn write_relightable(path: &Path, gaussians: &Gaussians<Vec<f32>>, materials: &[SurfaceMaterial]) -> Result<()> {
+    assert_eq!(gaussians.layout, Layout::radiance(0), "base colours do not depend on the view");
+    assert_eq!(materials.len(), gaussians.count, "each Gaussian has a material");
+    let mut gaussians = gaussians.clone();
+    (0..gaussians.count).for_each(|index| gaussians.set(index, QUAT, unit(gaussians.get(index, QUAT))));
+    let columns = relightable_columns();
+    whole_file::write(path, |out| {
+        write_header(out, gaussians.count, &columns, &[])?;
+        write_rows(out, &gaussians, &columns, |gaussian, holds| match (holds, &materials[gaussian]) {
+            (Holds::Normal(k), material) => material.normal[k],
+            (Holds::Surface(0), material) => material.metalness,
+            (_, material) => material.roughness,
+        })
+    })
+}
+
+/// Columns of a relightable file, in mesh2splat's order, then those of PBR-GS.
+fn relightable_columns() -> Vec<Column> {
+    let mut columns = radiance_columns(Layout::radiance(0));
+    let shape = columns.iter().position(|column| column.name == "opacity").expect("opacity is written");
+    let [first, second, _] =
+        SURFACE_NAMES.map(|names| [0, 1].map(|k| Column { name: names[k].to_owned(), holds: Holds::Surface(k) }));
+    columns.splice(shape..shape, first);
+    columns.extend(second);
+    columns
 }
 
 fn layout_of(path: &Path, table: &Table) -> Result<Layout> {
@@ -322,8 +507,8 @@ fn write_header(out: &mut impl Write, count: usize, columns: &[Column], comments
 fn write_rows(
     out: &mut impl Write,
     gaussians: &Gaussians<Vec<f32>>,
-    normals: Option<&[[f32; 3]]>,
     columns: &[Column],
+    other: impl Fn(usize, Holds) -> f32,
 ) -> io::Result<()> {
     let mut row = Vec::with_capacity(4 * columns.len());
     for gaussian in 0..gaussians.count {
@@ -331,7 +516,7 @@ fn write_rows(
         for column in columns {
             let number = match column.holds {
                 Holds::Plane(plane) => gaussians.values[gaussians.index_of(gaussian, plane)],
-                Holds::Normal(k) => normals.map_or(0.0, |normals| normals[gaussian][k]),
+                holds => other(gaussian, holds),
             };
             row.extend(number.to_le_bytes());
         }

@@ -3,7 +3,7 @@
 //! the extension show points.
 //!
 //! Shading attributes follow as `SPECULA_shading` ([`Shading`]), an optional extension of that
-//! extension; `docs/export.md` describes it.
+//! extension; `docs/shading-extension.md` describes it.
 
 mod document;
 mod nodes;

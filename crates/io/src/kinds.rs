@@ -18,6 +18,8 @@ struct Kind {
 /// Remedy for Gaussians in formats of other viewers.
 const CONVERT: &str = "open the model or the .ply file that it was made from, or convert it to a plain PLY file of 3D \
                        Gaussian splatting with splat-transform or SuperSplat";
+/// Remedy for scenes in place of points.
+const OPEN: &str = "open it as a scene; a PLY file is expected here";
 /// Remedy for pictures.
 const NO_SCENE: &str = "open a model folder, a PLY or a .glb file of Gaussians, and use --env for lights";
 /// Remedy for meshes.
@@ -27,8 +29,8 @@ const POINTS: &str = "open Gaussians; points can initialise a training (--points
 
 /// Extensions take precedence over contents, since archives begin alike.
 const KINDS: &[Kind] = &[
-    Kind { name: "a .spz file of Gaussians", remedy: CONVERT, endings: &["spz"], starts: &[b"NGSP"] },
-    Kind { name: "a .splat file of Gaussians", remedy: CONVERT, endings: &["splat"], starts: &[] },
+    Kind { name: "a .spz file of Gaussians", remedy: OPEN, endings: &["spz"], starts: &[b"NGSP"] },
+    Kind { name: "a .splat file of Gaussians", remedy: OPEN, endings: &["splat"], starts: &[] },
     Kind { name: "a .ksplat file of Gaussians", remedy: CONVERT, endings: &["ksplat"], starts: &[] },
     Kind { name: "a .sog file of Gaussians", remedy: CONVERT, endings: &["sog"], starts: &[] },
     Kind { name: "an .lcc file of Gaussians", remedy: CONVERT, endings: &["lcc"], starts: &[] },
@@ -38,12 +40,7 @@ const KINDS: &[Kind] = &[
         endings: &["usd", "usda", "usdc", "usdz"],
         starts: &[b"PXR-USDC", b"#usda"],
     },
-    Kind {
-        name: "a glTF file",
-        remedy: "open it as a scene; a PLY file is expected here",
-        endings: &["glb", "gltf"],
-        starts: &[b"glTF"],
-    },
+    Kind { name: "a glTF file", remedy: OPEN, endings: &["glb", "gltf"], starts: &[b"glTF"] },
     Kind {
         name: "a mesh",
         remedy: NO_MESH,
@@ -106,11 +103,6 @@ pub(crate) fn refuse(input: Input<'_>) -> Result<()> {
     let has_start = |kind: &&Kind| kind.starts.iter().any(|known| start.starts_with(known));
     let found = KINDS.iter().find(has_ending).or_else(|| KINDS.iter().find(has_start));
     found.map_or(Ok(()), |Kind { name, remedy, .. }| Err(other(input.path(), name, remedy)))
-}
-
-/// Error of PlayCanvas's layout, which packs position, rotation, scale and colour into integers.
-pub(crate) fn compressed_ply(path: &Path) -> Error {
-    other(path, "a compressed PLY of PlayCanvas", CONVERT)
 }
 
 /// Error for a PLY file with vertices that are not Gaussians.

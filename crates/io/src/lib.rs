@@ -13,8 +13,8 @@
 //! * [`gaussian_ply`], [`points_ply`]: Gaussians and points
 //! * [`latlong`]: light as `.hdr` and `.exr`, conversion to and from cube maps; [`ktx`]: cube maps
 //!   for other programs
-//! * [`splat`], [`spz`], [`glb`]: plain Gaussians for other programs, and from their glTF;
-//!   [`mesh`]: surfaces
+//! * [`splat`], [`spz`], [`glb`], [`usd`]: Gaussians for other programs, and from them, except USD;
+//!   [`mesh`]: surfaces; [`lint`]: faults of such files, and their effects
 //! * [`picture`]: PNGs, comparisons, animations; [`planes`]: numbers of pictures as OpenEXR
 //! * [`model_folder`]: the output of a training, in the field's layout
 //! * [`exposure`]: exposures of the training photographs
@@ -46,12 +46,14 @@ pub mod budget;
 pub mod cameras;
 pub mod checkpoint;
 mod colmap;
+mod compressed_ply;
 mod cube;
 pub mod dataset;
 mod doubts;
 mod error;
 pub mod exposure;
 mod exr_decoder;
+mod gaussian_file;
 pub mod gaussian_ply;
 pub mod glb;
 mod input;
@@ -63,6 +65,7 @@ pub mod latlong;
 mod left_out;
 pub mod lens;
 pub mod light_table;
+pub mod lint;
 mod listing;
 pub mod masks;
 pub mod materials;
@@ -86,6 +89,7 @@ pub mod splat;
 pub mod spz;
 mod table;
 mod transforms;
+pub mod usd;
 pub mod whole_file;
 pub mod within;
 

@@ -26,7 +26,7 @@ use crate::{
     cameras::{self, NamedCamera},
     checkpoint,
     error::{Error, Result},
-    exposure, gaussian_ply, json,
+    exposure, gaussian_file, gaussian_ply, json,
     latlong::{self, LatLong, UpAxis},
     near_field, network,
     orientation::Orientation,
@@ -144,6 +144,8 @@ pub struct Model {
     pub info: Option<ModelInfo>,
     /// Iteration; `None` for a PLY file outside of a model folder.
     pub iteration: Option<u32>,
+    /// Whether the file is a relightable one ([`gaussian_ply::GaussianFile::are_materials`]).
+    pub are_materials: bool,
 }
 
 /// Writes the inputs of a training: cameras and initial points relative to an origin, and
@@ -436,8 +438,8 @@ fn highest_on_disk(folder: &Path) -> io::Result<Option<u32>> {
     Ok(iterations.filter(|iteration| gaussians_at(folder, *iteration).is_file()).max())
 }
 
-/// Opens the newest iteration of a model, one of its folders `point_cloud/iteration_N`, or a PLY
-/// file, with its light and settings.
+/// Opens the newest iteration of a model, one of its folders `point_cloud/iteration_N`, or a PLY,
+/// `.spz` or `.splat` file, with its light and settings.
 ///
 /// The light is read from `brdf_mlp.hdr` if there is no other light, as in models of
 /// GaussianShader, or if that file was replaced by another map, a common way to relight.
@@ -481,6 +483,7 @@ pub fn open_iteration(folder: &Path, iteration: u32) -> Result<Model> {
         is_relit,
         info: read_info(folder)?.filter(|info| info.saved.is_empty() || info.saved.contains(&iteration)),
         iteration: Some(iteration),
+        are_materials: file.are_materials,
     })
 }
 
@@ -488,7 +491,7 @@ fn open_ply(path: &Path) -> Result<Model> {
     if let Some((folder, iteration)) = model_around(path) {
         return open_iteration(&folder, iteration);
     }
-    let file = gaussian_ply::read(path)?;
+    let file = gaussian_file::read(path)?;
     Ok(Model {
         gaussians: file.gaussians,
         comments: file.comments,
@@ -498,6 +501,7 @@ fn open_ply(path: &Path) -> Result<Model> {
         is_relit: false,
         info: None,
         iteration: None,
+        are_materials: file.are_materials,
     })
 }
 

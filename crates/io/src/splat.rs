@@ -6,7 +6,12 @@
 //! can show a partial download (github.com/antimatter15/splat, `convert.py`). Numbers are rounded
 //! to the nearest byte; that program truncates.
 
-use crate::{error::Result, whole_file};
+use crate::{
+    budget::SCENE,
+    error::{Error, Result},
+    gaussian_ply::{GaussianFile, thin},
+    whole_file,
+};
 use specula_core::{
     activation::{logit, sigmoid},
     scene::{Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, QUAT, len_of_values},
@@ -28,20 +33,56 @@ pub fn write(path: &Path, gaussians: &Gaussians<Vec<f32>>) -> Result<()> {
     })
 }
 
+/// Reads plain Gaussians.
+///
+/// # Errors
+///
+/// [`Error::Splats`] for a file that has no whole number of Gaussians, or numbers that are not
+/// finite; [`Error::TooLarge`].
+pub(crate) fn read(path: &Path) -> Result<GaussianFile> {
+    let bytes = SCENE.read(path)?;
+    let broken = |cause: String| Error::Splats { path: path.to_owned(), cause };
+    let (records, rest) = bytes.as_chunks::<RECORD_LEN>();
+    if records.is_empty() || !rest.is_empty() {
+        let cause = format!("its {} bytes are not a multiple of {RECORD_LEN}, one for each Gaussian", bytes.len());
+        return Err(broken(cause));
+    }
+    SCENE.ask(path, bytes.len() as u64, "it", 5 * bytes.len() as u64)?;
+    let mut gaussians = empty(records.len());
+    records.iter().enumerate().for_each(|(index, record)| decode(&mut gaussians, index, record));
+    match (0..gaussians.count).find(|index| !gaussians.get::<6>(*index, MEAN).iter().all(|number| number.is_finite())) {
+        Some(index) => Err(broken(format!("Gaussian {index} has a position or scale that is not finite"))),
+        None => Ok(GaussianFile { gaussians, comments: Vec::new(), notes: Vec::new(), are_materials: false }),
+    }
+}
+
 /// Gaussians after quantisation, as a reader decodes them, in their original order.
 pub fn stored(gaussians: &Gaussians<Vec<f32>>) -> Gaussians<Vec<f32>> {
-    let layout = Layout::radiance(0);
-    let mut stored =
-        Gaussians { count: gaussians.count, layout, values: vec![0.0; len_of_values(gaussians.count, layout)] };
+    let mut stored = empty(gaussians.count);
     for gaussian in 0..gaussians.count {
-        stored.set(gaussian, MEAN, gaussians.get::<3>(gaussian, MEAN));
+        decode(&mut stored, gaussian, &record(gaussians, gaussian));
+        // Logarithms are not rounded by their exponential.
         stored.set(gaussian, LOG_SCALE, gaussians.get::<3>(gaussian, LOG_SCALE));
-        stored.set(gaussian, QUAT, quat_bytes(gaussians, gaussian).map(|byte| (f32::from(byte) - 128.0) / 128.0));
-        let [r, g, b, opacity] = color_bytes(gaussians, gaussian).map(|byte| f32::from(byte) / 255.0);
-        stored.set(gaussian, OPACITY, [logit(opacity)]);
-        stored.set(gaussian, layout.sh_start(), [r, g, b].map(|color| (color - 0.5) / Y0));
     }
     stored
+}
+
+fn empty(count: usize) -> Gaussians<Vec<f32>> {
+    let layout = Layout::radiance(0);
+    Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] }
+}
+
+/// Sets a Gaussian from its record. Scales of 0 become thin.
+fn decode(gaussians: &mut Gaussians<Vec<f32>>, index: usize, record: &[u8; RECORD_LEN]) {
+    let (numbers, _) = record[..24].as_chunks::<4>();
+    let number = |k: usize| f32::from_le_bytes(numbers[k]);
+    gaussians.set(index, MEAN, [0, 1, 2].map(number));
+    gaussians.set(index, LOG_SCALE, thin([3, 4, 5].map(|k| number(k).ln())));
+    let quat: [f32; 4] = core::array::from_fn(|k| (f32::from(record[28 + k]) - 128.0) / 128.0);
+    gaussians.set(index, QUAT, quat);
+    let [r, g, b, opacity]: [f32; 4] = core::array::from_fn(|k| f32::from(record[24 + k]) / 255.0);
+    gaussians.set(index, OPACITY, [logit(opacity)]);
+    gaussians.set(index, gaussians.layout.sh_start(), [r, g, b].map(|color| (color - 0.5) / Y0));
 }
 
 /// Indices by decreasing visibility; ties in their order.

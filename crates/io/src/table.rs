@@ -98,6 +98,11 @@ impl<T: Number> Columns<T> {
         }
     }
 
+    /// Number of rows.
+    pub(crate) const fn count(&self) -> usize {
+        self.count
+    }
+
     fn index_of(&self, row: usize, column: usize) -> usize {
         (row / BLOCK * self.names.len() + column) * BLOCK + row % BLOCK
     }
@@ -126,7 +131,6 @@ impl Table {
         let mut reader = BufReader::with_capacity(1 << 20, file);
         let header = read_header(path, &mut reader)?;
         refuse_repeated_names(path, &mut reader)?;
-        refuse_compressed(path, &header)?;
         let vertex = vertex_of(path, &header)?.clone();
         let after = header.elements.values().skip_while(|element| element.name != VERTEX).skip(1);
         let is_last = after.into_iter().all(|element| element.count == 0);
@@ -424,7 +428,7 @@ fn decode<T: Number>(rows: &[u8], row_size: usize, cell: &Cell, big_endian: bool
     }
 }
 
-fn size_of_scalar(scalar: &ScalarType) -> usize {
+pub(crate) fn size_of_scalar(scalar: &ScalarType) -> usize {
     match scalar {
         ScalarType::Char | ScalarType::UChar => 1,
         ScalarType::Short | ScalarType::UShort => 2,
@@ -434,7 +438,7 @@ fn size_of_scalar(scalar: &ScalarType) -> usize {
 }
 
 /// Reads the header up to its longest allowed length.
-fn read_header(path: &Path, reader: &mut BufReader<File>) -> Result<Header> {
+pub(crate) fn read_header(path: &Path, reader: &mut BufReader<File>) -> Result<Header> {
     let mut reader = Reader::new(reader.take(PLY_HEADER_MAX));
     let read = Parser::<DefaultElement>::new().read_header(&mut reader);
     let is_too_long = reader.get_ref().limit() == 0;
@@ -447,16 +451,6 @@ fn read_header(path: &Path, reader: &mut BufReader<File>) -> Result<Header> {
 
 fn vertex_of<'a>(path: &Path, header: &'a Header) -> Result<&'a ElementDef> {
     header.elements.get(VERTEX).ok_or_else(|| Error::NoVertices { path: path.to_owned() })
-}
-
-/// Refuses PlayCanvas's layout, which packs position, rotation, scale and colour into four
-/// integers.
-fn refuse_compressed(path: &Path, header: &Header) -> Result<()> {
-    let is_packed = |element: &ElementDef| element.properties.keys().any(|name| name.starts_with("packed_"));
-    if header.elements.values().any(is_packed) {
-        return Err(kinds::compressed_ply(path));
-    }
-    Ok(())
 }
 
 /// Rejects a header that names a property of an element twice: the parser keeps one of them, so the

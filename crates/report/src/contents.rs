@@ -13,7 +13,7 @@ use specula_core::{
     scene::{DIFFUSE, Gaussians, LOG_SCALE, Layout, MEAN, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, TINT},
     vector::Vec3,
 };
-use specula_io::{model_folder::ModelInfo, origin, points_ply::PointCloud};
+use specula_io::{lint::Finding, model_folder::ModelInfo, origin, points_ply::PointCloud};
 use specula_scene::{
     OpenedModel, Scene,
     dataset::{Dataset, points_of},
@@ -96,6 +96,15 @@ impl Contents {
         let text = if left_out.is_empty() { "nothing".into() } else { left_out.join("; ") };
         contents.add("not used", text, json!(left_out));
         contents
+    }
+
+    /// Adds the axes that viewers assume of a file, and its faults and oddities.
+    pub fn add_findings(&mut self, axes: &str, findings: &[Finding]) {
+        self.add("axes", axes.to_owned(), axes.into());
+        let of_each = findings.iter().map(|Finding { found, effect }| json!({"found": found, "effect": effect}));
+        self.json.insert("findings".into(), of_each.collect());
+        let text = |finding: &Finding| ("unusual", format!("{}: {}", finding.found, finding.effect));
+        self.lines.extend(findings.iter().map(text));
     }
 
     /// Text: a title, then a line for each fact.

@@ -33,7 +33,7 @@ mod comparison;
 pub use comparison::{PictureError, ReferencePictures};
 
 use crate::{
-    Scene, Shading as Shown,
+    OpenedModel, Scene, SceneError, Shading as Shown,
     bake::{ActivatedAttributes, Baked, bake, bake_diffuse},
     environment::radiance,
     number::group_digits,
@@ -46,13 +46,16 @@ use specula_core::{
     camera::Camera,
     cull::CullReason,
     executor::ReadBack,
-    scene::{Gaussians, Layout},
+    scene::{Environment, Gaussians, Layout},
     shade::ShadingRules,
 };
 use specula_io::{
-    Result, gaussian_ply,
+    Result,
+    gaussian_ply::{self, SurfaceMaterial},
     glb::{self, Attribute, Shading},
+    latlong::{self, LatLong, UpAxis},
     origin, splat, spz,
+    usd::{self, Stage},
 };
 use std::path::Path;
 
@@ -67,6 +70,8 @@ pub enum GaussianFormat {
     Spz,
     /// glTF with `KHR_gaussian_splatting`, and the attributes of shading.
     Glb,
+    /// OpenUSD, text or archive, with normals and materials as primvars, and the light.
+    Usd,
 }
 
 impl GaussianFormat {
@@ -77,6 +82,7 @@ impl GaussianFormat {
             "splat" => Some(Self::Splat),
             "spz" => Some(Self::Spz),
             "glb" => Some(Self::Glb),
+            "usda" | "usdz" => Some(Self::Usd),
             _ => None,
         }
     }
@@ -85,7 +91,7 @@ impl GaussianFormat {
     pub const fn degree_max(self) -> u8 {
         match self {
             Self::Splat => 0,
-            Self::Ply | Self::Spz | Self::Glb => 3,
+            Self::Ply | Self::Spz | Self::Glb | Self::Usd => 3,
         }
     }
 
@@ -93,8 +99,13 @@ impl GaussianFormat {
     pub const fn axes(self) -> AxisConvention {
         match self {
             Self::Ply | Self::Splat => AxisConvention::YDown,
-            Self::Spz | Self::Glb => AxisConvention::YUp,
+            Self::Spz | Self::Glb | Self::Usd => AxisConvention::YUp,
         }
+    }
+
+    /// Whether a transform of the file places the scene, instead of its numbers.
+    pub const fn has_node(self) -> bool {
+        matches!(self, Self::Glb | Self::Usd)
     }
 }
 
@@ -139,6 +150,16 @@ pub fn is_of_model(file: &Path, model: &Path, folder: Option<&Path>) -> bool {
     is_read || ["point_cloud", "light", "brdf_mlp", "input.ply"].into_iter().any(is_within)
 }
 
+/// Scene of a relightable file, as it is read again, under a light.
+///
+/// # Errors
+///
+/// A file that cannot be read, or without materials ([`SceneError::NoMaterials`]).
+pub fn read_relightable(path: &Path, light: Option<Environment<Vec<f32>>>) -> core::result::Result<Scene, SceneError> {
+    let scene = OpenedModel::open(path)?.scene;
+    Scene { light, ..scene }.shaded(Shown::Physical)
+}
+
 /// Method by which a shading function becomes colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BakeMethod {
@@ -146,6 +167,9 @@ pub enum BakeMethod {
     Harmonics,
     /// Only diffuse colours.
     Diffuse,
+    /// Physical materials: colours are sRGB-encoded albedos, and files that can store them have
+    /// metalness and roughness.
+    Materials,
 }
 
 /// Gaussians without shading attributes, from a scene that may have them.
@@ -157,6 +181,10 @@ pub struct PlainGaussians {
     pub normals: Option<Vec<[f32; 3]>>,
     /// Index of each Gaussian in the scene.
     pub kept: Vec<usize>,
+    /// Physical materials, if the scene has any.
+    pub materials: Option<Vec<SurfaceMaterial>>,
+    /// Method by which colours were baked.
+    pub method: BakeMethod,
 }
 
 impl PlainGaussians {
@@ -169,6 +197,10 @@ impl PlainGaussians {
     /// # Errors
     ///
     /// Those of the executor.
+    ///
+    /// # Panics
+    ///
+    /// If materials are requested of a scene without any.
     pub fn bake<E: ReadBack>(
         exec: E,
         scene: &Scene,
@@ -183,23 +215,29 @@ impl PlainGaussians {
         if !layout.is_shaded() {
             let truncated = Layout::radiance(layout.sh_degree.unwrap_or(0).min(degree));
             let all: Vec<usize> = (0..gaussians.count).collect();
-            return Ok(Self { gaussians: subset(&gaussians, &all, truncated), normals: None, kept });
+            let gaussians = subset(&gaussians, &all, truncated);
+            return Ok(Self { gaussians, normals: None, kept, materials: None, method });
         }
-        let scene = Scene { gaussians, ..scene.clone() };
+        let shown = if method == BakeMethod::Materials { Shown::Physical } else { scene.shading_model.shading() };
+        let scene = Scene { gaussians, shading_model: scene.shading_model.shaded(shown), ..scene.clone() };
         let Baked { gaussians, normals } = match method {
             BakeMethod::Harmonics => bake(exec, &scene, cameras, degree, progress)?,
-            BakeMethod::Diffuse => bake_diffuse(exec, &scene, cameras, progress)?,
+            BakeMethod::Diffuse | BakeMethod::Materials => bake_diffuse(exec, &scene, cameras, progress)?,
         };
-        Ok(Self { gaussians, normals: Some(normals), kept })
+        let materials = layout.is_physical.then(|| surface_materials(&scene.gaussians, &normals));
+        Ok(Self { gaussians, normals: Some(normals), kept, materials, method })
     }
 
     /// Gaussians in an upright world.
     fn placed(&self, upright: &Upright) -> Self {
         let normal = |normal: &[f32; 3]| upright.direction(*normal);
+        let turned = |material: &SurfaceMaterial| SurfaceMaterial { normal: normal(&material.normal), ..*material };
         Self {
             gaussians: upright.gaussians(&self.gaussians),
             normals: self.normals.as_ref().map(|normals| normals.iter().map(normal).collect()),
             kept: self.kept.clone(),
+            materials: self.materials.as_ref().map(|materials| materials.iter().map(turned).collect()),
+            method: self.method,
         }
     }
 
@@ -207,7 +245,7 @@ impl PlainGaussians {
     /// decodes them. `scene` is the scene of the Gaussians; its shading is written to `.glb`,
     /// `comments` to `.ply`, and an origin in the comments to `.glb`.
     ///
-    /// In `.glb` the transform of a node places the scene upright, so that the Gaussians
+    /// In `.glb` and USD the transform of a node places the scene upright, so that the Gaussians
     /// themselves, written or returned, stay in the scene's world.
     ///
     /// # Errors
@@ -221,24 +259,43 @@ impl PlainGaussians {
         upright: Option<&Upright>,
         comments: &[String],
     ) -> Result<Gaussians<Vec<f32>>> {
-        let placed = upright.filter(|_| format != GaussianFormat::Glb).map(|upright| self.placed(upright));
-        let Self { gaussians, normals, .. } = placed.as_ref().unwrap_or(self);
-        Ok(match format {
-            GaussianFormat::Ply => {
+        let placed = upright.filter(|_| !format.has_node()).map(|upright| self.placed(upright));
+        let Self { gaussians, normals, materials, .. } = placed.as_ref().unwrap_or(self);
+        Ok(match (format, materials) {
+            (GaussianFormat::Ply, Some(materials)) if self.method == BakeMethod::Materials => {
+                gaussian_ply::write_relightable(path, gaussians, materials)?;
+                gaussians.clone()
+            }
+            (GaussianFormat::Ply, _) => {
                 gaussian_ply::write_with_normals(path, gaussians, normals.as_deref(), comments)?;
                 gaussians.clone()
             }
-            GaussianFormat::Splat => {
+            (GaussianFormat::Splat, _) => {
                 splat::write(path, gaussians)?;
                 splat::stored(gaussians)
             }
-            GaussianFormat::Spz => {
+            (GaussianFormat::Spz, _) => {
                 spz::write(path, gaussians)?;
                 spz::stored(gaussians)
             }
-            GaussianFormat::Glb => {
+            (GaussianFormat::Glb, _) => {
                 let transform = upright.map(Upright::node_transform);
                 glb::write(path, gaussians, self.shading(scene).as_ref(), transform, origin::of_comments(comments))?;
+                gaussians.clone()
+            }
+            (GaussianFormat::Usd, _) => {
+                let light = scene.light.as_ref().filter(|_| scene.gaussians.layout.is_shaded()).map(dome);
+                let placement = upright.map(Upright::node_transform);
+                let stage = Stage {
+                    gaussians,
+                    normals: normals.as_deref(),
+                    materials: materials.as_deref(),
+                    light: light.as_ref(),
+                    placement: placement.as_ref(),
+                    up: if upright.is_some() { UpAxis::Y } else { UpAxis::Z },
+                    documentation: &comments.join("; "),
+                };
+                usd::write(path, &stage)?;
                 gaussians.clone()
             }
         })
@@ -250,6 +307,7 @@ impl PlainGaussians {
             (false, _) => "plain Gaussians",
             (true, BakeMethod::Harmonics) => "a shading function, baked into spherical harmonics",
             (true, BakeMethod::Diffuse) => "the diffuse colour of a shading function",
+            (true, BakeMethod::Materials) => "the albedo of physical materials",
         };
         let upright = if is_upright { UPRIGHT_COMMENT } else { "" };
         format!("exported by specula {}: {content}{upright}", env!("CARGO_PKG_VERSION"))
@@ -265,6 +323,16 @@ impl PlainGaussians {
                 format!("light and shading are baked into harmonics of degree {degree}")
             }
             (true, BakeMethod::Diffuse, _) => "the light and its reflections are omitted".to_owned(),
+            (true, BakeMethod::Materials, _) => {
+                let only = match format {
+                    GaussianFormat::Ply => "; shadows of the scene on itself are omitted",
+                    GaussianFormat::Glb | GaussianFormat::Usd => "",
+                    GaussianFormat::Splat | GaussianFormat::Spz => {
+                        "; the format has no normals and materials: relight its .ply instead"
+                    }
+                };
+                format!("colours are the albedo, sRGB-encoded, without a light{only}")
+            }
         };
         let format_losses = match format {
             GaussianFormat::Ply => "",
@@ -277,6 +345,9 @@ impl PlainGaussians {
             }
             GaussianFormat::Glb if is_shaded => "and are also stored as SPECULA_shading",
             GaussianFormat::Glb => "",
+            GaussianFormat::Usd if self.materials.is_some() => "materials are primvars, and the light a DomeLight",
+            GaussianFormat::Usd if is_shaded => "the light is a DomeLight",
+            GaussianFormat::Usd => "",
         };
         let low_pass = match scene.gaussians.layout.low_pass {
             LowPass::Dilated => String::new(),
@@ -328,6 +399,25 @@ impl PlainGaussians {
         let light = light.as_ref().map(|light| (radiance(light), light.resolution));
         Some(Shading { properties, attributes, light })
     }
+}
+
+/// Physical materials of Gaussians.
+fn surface_materials(gaussians: &Gaussians<Vec<f32>>, normals: &[[f32; 3]]) -> Vec<SurfaceMaterial> {
+    let material = |(index, normal): (usize, &[f32; 3])| {
+        let ActivatedAttributes { diffuse, tint, roughness } =
+            ActivatedAttributes::of(gaussians, index, ShadingRules::PHYSICAL);
+        // Albedo and metalness replace diffuse colour and tint.
+        SurfaceMaterial { normal: *normal, albedo: diffuse, metalness: tint[0], roughness }
+    };
+    normals.iter().enumerate().map(material).collect()
+}
+
+/// Lat-long map of a light for a dome of USD.
+fn dome(light: &Environment<Vec<f32>>) -> LatLong {
+    /// Rows for each texel along an edge of a face, enough to keep every texel.
+    const ROWS: usize = 2;
+    let height = ROWS * light.resolution;
+    latlong::from_cube(&radiance(light), light.resolution, 2 * height, height, usd::dome_orientation())
 }
 
 /// End of the comment of files with upright scenes.

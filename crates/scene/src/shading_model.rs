@@ -97,9 +97,13 @@ impl ShadingModel {
         Self { shading: profile.shading, scheme: profile.scheme, reflections: profile.reflections }
     }
 
-    /// Shading model that a saved model names in `specula.json`, else in a comment of its PLY file,
-    /// else that of the authors' code, which defines the layout.
+    /// Shading model of a relightable file, else the one that a saved model names in
+    /// `specula.json`, else in a comment of its PLY file, else that of the authors' code, which
+    /// defines the layout.
     pub fn of_model(model: &Model) -> Self {
+        if model.are_materials {
+            return Self::DEFERRED;
+        }
         let from_info = model.info.as_ref().and_then(|info| {
             let word = |key: &str| info.rest.get(key).and_then(Value::as_str);
             Self::from_names(&info.shading, word("axis"), word("prefilter"), word("reflections"))

@@ -94,7 +94,7 @@ impl Exporter<'_> {
         let references = self.references()?;
         let stored = PackedScene::unpack(&packed.pack(precision))?.viewed.scene;
         let work = progress::work("comparing", references.count() as u64);
-        let error = references.compare_scene(stored, |done| work.done(done as u64, String::new))?;
+        let error = references.compare_scene(stored, None, |done| work.done(done as u64, String::new))?;
         work.finish();
         Ok(format!("{rounded}; {error}"))
     }

@@ -112,7 +112,15 @@ fn every_layout_survives_a_round_trip() {
         let gaussians = gaussians(layout, count);
         let (_folder, path) = written(&gaussians);
         let read = gaussian_ply::read(&path).unwrap();
-        assert_eq!(read, GaussianFile { gaussians, comments: vec!["made by a test".to_owned()], notes: vec![] });
+        assert_eq!(
+            read,
+            GaussianFile {
+                gaussians,
+                comments: vec!["made by a test".to_owned()],
+                notes: vec![],
+                are_materials: false
+            }
+        );
     }
 }
 
@@ -364,8 +372,8 @@ fn files_of_known_kinds_are_named() {
         ("a.ply", b"version https://git-lfs.github.com/spec/v1\n", ["Git LFS", "git lfs pull"]),
         ("a.ply", b"<!DOCTYPE html>", ["web page", "again"]),
         ("a.ply", b"\x1f\x8b\x08\0", ["archive", "unpack"]),
-        ("a.SPZ", b"\x1f\x8b\x08\0", [".spz", "splat-transform"]),
-        ("a.splat", &[0; 32], [".splat", "SuperSplat"]),
+        ("a.SPZ", b"\x1f\x8b\x08\0", [".spz", "as a scene"]),
+        ("a.splat", &[0; 32], [".splat", "as a scene"]),
         ("a.ksplat", &[0; 32], [".ksplat", "SuperSplat"]),
         ("a.sog", b"PK\x03\x04", [".sog", "SuperSplat"]),
         ("a.lcc", b"{}", [".lcc", "SuperSplat"]),
@@ -392,12 +400,12 @@ fn a_word_is_no_number() {
 }
 
 #[test]
-fn a_compressed_file_is_refused_with_a_remedy() {
+fn a_damaged_compressed_file_is_refused() {
     let (_folder, path) = write(
         "ply\nformat binary_little_endian 1.0\nelement chunk 1\nproperty float min_x\nelement vertex 4\n\
          property uint packed_position\nproperty uint packed_rotation\nend_header\n0000",
     );
-    assert_says(&refusal(&path), &["a.ply", "compressed PLY", "splat-transform"]);
+    assert_says(&refusal(&path), &["a.ply", "cut short"]);
 }
 
 #[test]

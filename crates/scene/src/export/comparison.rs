@@ -52,19 +52,24 @@ impl ReferencePictures {
         placed: Option<&Upright>,
         progress: impl FnMut(usize),
     ) -> Result<PictureError, SceneError> {
-        let camera = |camera: &Camera| placed.map_or(*camera, |upright| upright.camera(camera));
-        let cameras: Vec<Camera> = self.cameras.iter().map(camera).collect();
         let scene = Scene { gaussians, light: None, near_field: None, lamps: None, shading_model: ShadingModel::PAPER };
-        self.compare_from(scene, &cameras, progress)
+        self.compare_scene(scene, placed, progress)
     }
 
-    /// Compares the pictures of another scene in the same world.
+    /// Compares the pictures of another scene, which may be placed upright.
     ///
     /// # Errors
     ///
     /// Those of [`ReferencePictures::render`].
-    pub fn compare_scene(&self, scene: Scene, progress: impl FnMut(usize)) -> Result<PictureError, SceneError> {
-        self.compare_from(scene, &self.cameras, progress)
+    pub fn compare_scene(
+        &self,
+        scene: Scene,
+        placed: Option<&Upright>,
+        progress: impl FnMut(usize),
+    ) -> Result<PictureError, SceneError> {
+        let camera = |camera: &Camera| placed.map_or(*camera, |upright| upright.camera(camera));
+        let cameras: Vec<Camera> = self.cameras.iter().map(camera).collect();
+        self.compare_from(scene, &cameras, progress)
     }
 
     fn compare_from(
