@@ -25,8 +25,9 @@ const FRAMES_PER_SECOND: f64 = 3.0;
 const FRAMES: [f64; 2] = [40.0, 150.0];
 /// Pictures of a second attempt for each of the first.
 const MORE_FRAMES: f64 = 1.5;
-/// Share of pictures with a camera, and number of points, below which a second attempt is made.
+/// Share of pictures with a camera below which a second attempt is made.
 const REGISTERED_MIN: f64 = 0.7;
+/// Smallest number of points of a model.
 const POINTS_MIN: usize = 100;
 /// Smallest number of pictures.
 const PICTURES_MIN: usize = 3;
@@ -144,13 +145,11 @@ impl Run<'_> {
         format!("{registered} of {} pictures have a camera", attempt.pictures)
     }
 
-    /// Whether the largest model of an attempt has enough pictures and points.
+    /// Whether the largest model of an attempt has enough of the pictures.
     fn is_good(&self, number: usize) -> bool {
         let attempt = &self.record.attempts[number - 1];
         let registered = attempt.models.first().copied().unwrap_or(0);
-        let points = attempt.largest.as_deref().and_then(|model| Reconstruction::of_model(model).ok().flatten());
-        let points = points.map_or(0, |model| model.tracks.len());
-        registered as f64 >= REGISTERED_MIN * attempt.pictures as f64 && points >= POINTS_MIN
+        registered > 0 && registered as f64 >= REGISTERED_MIN * attempt.pictures as f64
     }
 
     /// Makes a reconstruction with features of a quality.
@@ -426,13 +425,17 @@ impl Run<'_> {
         let folders = fs::read_dir(&output).into_iter().flatten().flatten().map(|entry| entry.path());
         let mut models: Vec<(usize, PathBuf)> = Vec::new();
         for folder in folders {
-            if let Some(model) = Reconstruction::of_model(&folder)? {
+            let model = Reconstruction::of_model(&folder)?;
+            // Of a camera that only turned, COLMAP keeps a few pictures without points.
+            let is_usable =
+                |model: &Reconstruction| model.pictures.len() >= PICTURES_MIN && model.tracks.len() >= POINTS_MIN;
+            if let Some(model) = model.filter(is_usable) {
                 models.push((model.pictures.len(), folder));
             }
         }
         models.sort_by(|(one, a), (other, b)| other.cmp(one).then(a.cmp(b)));
         attempt.models = models.iter().map(|(count, _)| *count).collect();
-        attempt.largest = models.first().filter(|(count, _)| *count >= PICTURES_MIN).map(|(_, folder)| folder.clone());
+        attempt.largest = models.first().map(|(_, folder)| folder.clone());
         Ok(())
     }
 

@@ -31,6 +31,7 @@ elif step == "all":
 elif step == "pairs":
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = options["pairs"]
+    pairing.block_size = 100
     pycolmap.match_image_pairs(database, pairing_options=pairing, **cpu)
 else:
     pipeline = pycolmap.IncrementalPipelineOptions()
