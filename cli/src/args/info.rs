@@ -15,7 +15,7 @@ use std::path::PathBuf;
 /// light filtered. specula render --verify-omissions verifies that no bit of a picture changes.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "Examples:\n  specula info out/chair\n  specula info scene.ply --json\n  specula info scene.spz --strict\n  \
+    after_help = "Examples:\n  specula info out/chair\n  specula info scene.ply --json\n  specula info chair.spz --strict\n  \
                   specula info data/chair"
 )]
 pub(crate) struct Info {
