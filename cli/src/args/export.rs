@@ -34,7 +34,7 @@ Examples:
   specula export out/chair -o chair.ply
   specula export out/chair -o chair.splat chair.spz chair.glb chair.usdz
   specula export out/chair --env sunset.hdr -o sunset.ply       # under another light
-  specula export out/chair --bake materials -o chair.ply        # to relight elsewhere
+  specula export out/spheres --bake materials -o spheres.ply    # to relight elsewhere
   specula export out/chair -o light.exr light.ktx2
   specula export out/garden -o garden.splat --upright           # photographs, upright
   specula export out/chair -o chair.obj --voxels 384

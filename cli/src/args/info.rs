@@ -18,7 +18,7 @@ use std::path::PathBuf;
 /// turned, blur, changes of exposure, sides that no camera sees.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "Examples:\n  specula info out/chair\n  specula info scene.ply --json\n  specula info scene.spz --strict\n  \
+    after_help = "Examples:\n  specula info out/chair\n  specula info scene.ply --json\n  specula info chair.spz --strict\n  \
                   specula info data/chair"
 )]
 pub(crate) struct Info {

@@ -113,17 +113,16 @@ fn header_of(path: &Path) -> Result<Vec<u8>> {
 fn of_header(header: &[u8]) -> Vec<Finding> {
     let text = String::from_utf8_lossy(header);
     let mut findings = Vec::new();
-    let count = |word: &str| text.lines().filter(|line| line.split_whitespace().next() == Some(word)).count();
+    let has = |word: &str| text.lines().any(|line| line.split_whitespace().next() == Some(word));
     if header.contains(&b'\r') {
         findings.push(Finding::new(
             "lines of its header end in CR LF",
             "viewers that look for \"end_header\\n\", as most in JavaScript, fail or read all numbers one byte off",
         ));
     }
-    let notes = count("comment") + count("obj_info");
-    if notes > 0 {
+    if ["comment", "obj_info"].into_iter().any(has) {
         findings.push(Finding::new(
-            format!("its header has {notes} comments"),
+            "its header has comments",
             "loaders that expect the vertex count in the third line fail, as spz's before October 2025 and spz-js",
         ));
     }

@@ -4,7 +4,7 @@
 use specula_io::{
     Result, cameras,
     dataset::{self, LoadOptions},
-    gaussian_ply, latlong, points_ply,
+    gaussian_ply, latlong, model_folder, points_ply,
 };
 use std::{
     collections::HashMap,
