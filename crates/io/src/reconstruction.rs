@@ -76,3 +76,34 @@ impl Reconstruction {
         Ok(Self { pictures: pictures.collect(), tracks: tracks.collect(), others: others.collect::<Result<_>>()? })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    const IMAGES: &str = "1 1 0 0 0 0 0 4 1 a.jpg\n1 2 7\n5 1 0 0 0 1 0 4 1 b.jpg\n\n";
+
+    #[test]
+    fn tracks_name_the_pictures_that_see_a_point() {
+        let folder = tempfile::tempdir().unwrap();
+        let model = folder.path().join("sparse/0");
+        fs::create_dir_all(&model).unwrap();
+        for (name, text) in [
+            ("cameras", "1 SIMPLE_PINHOLE 8 6 10 4 3\n"),
+            ("images", IMAGES),
+            ("points3D", "7 0.5 1 2 9 9 9 0.25 5 0 1 3 99 1\n"),
+        ] {
+            fs::write(model.join(name).with_extension("txt"), text).unwrap();
+        }
+        let found = Reconstruction::of_dataset(folder.path()).unwrap().unwrap();
+        let [a, b] = &found.pictures[..] else { panic!("{found:?}") };
+        assert_eq!((a.name.as_str(), a.position, a.forward), ("a.jpg", [0.0, 0.0, -4.0], [0.0, 0.0, 1.0]));
+        assert_eq!((b.name.as_str(), b.position), ("b.jpg", [-1.0, 0.0, -4.0]));
+        assert_eq!(found.tracks, [Track { position: [0.5, 1.0, 2.0], error: 0.25, pictures: vec![1, 0] }]);
+        assert_eq!(Reconstruction::of_dataset(&model.join("none")).unwrap(), None);
+        fs::write(model.join("points3D.txt"), "7 0.5 1 2 9 9 9 0.25 5 0 x 3\n").unwrap();
+        let sentence = Reconstruction::of_dataset(folder.path()).unwrap_err().to_string();
+        assert!(sentence.contains("points3D.txt") && sentence.contains("line 1"), "{sentence}");
+    }
+}
