@@ -90,7 +90,7 @@ impl<E: Executor> Scene<E> {
     pub fn surrounded(&self, exec: &mut E) -> Result<Option<E::Light>, E::Error> {
         let near_field = near_field();
         let near_field = exec.upload_near_field(&near_field.with_values(near_field.values.as_slice()))?;
-        Ok(self.filtered(exec)?.map(|light| exec.surround(light, &near_field)))
+        self.filtered(exec)?.map(|light| exec.surround(light, &near_field)).transpose()
     }
 
     /// One step that changes nothing, as all rates are zero.

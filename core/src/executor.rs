@@ -84,6 +84,76 @@ impl core::fmt::Display for Unsupported {
 
 impl core::error::Error for Unsupported {}
 
+impl Unsupported {
+    /// Error for a feature that an executor does not have.
+    pub const fn feature(feature: Feature) -> Self {
+        Self { what: feature.name() }
+    }
+}
+
+/// Result that executors need not compute: the default of its methods refuses by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Feature {
+    /// Near fields ([`Renderer::upload_near_field`], [`Renderer::surround`], [`Renderer::trace`]).
+    NearFields,
+    /// Lamps ([`Renderer::add_lamps`], [`Renderer::illuminate`]).
+    Lamps,
+    /// Lights of networks ([`crate::light_network`]), in [`Renderer::prefilter`].
+    LightNetworks,
+    /// The authors' filter of light, [`PrefilterScheme::Official`].
+    OfficialPrefilter,
+    /// Exposures of photographs ([`Executor::expose`], [`Executor::expose_vjp`]).
+    Exposures,
+    /// Gradients of pixels that look light up ([`Executor::shade_pixels_vjp`]).
+    PixelGradients,
+    /// Gradients and steps of lights ([`Executor::prefilter_vjp`],
+    /// [`Executor::optimise_environment`]).
+    LightGradients,
+    /// Gradients of cameras ([`Executor::gaussians_and_camera_vjp`]).
+    CameraGradients,
+    /// Sums of arrays ([`Executor::add`]), for several views in a step.
+    Sums,
+    /// Filters in space ([`Executor::sampling`]).
+    Sampling,
+    /// Ceilings of planes ([`Executor::limit_plane`]), for resets of opacities.
+    Limits,
+}
+
+impl Feature {
+    /// Every feature.
+    pub const ALL: [Self; 11] = [
+        Self::NearFields,
+        Self::Lamps,
+        Self::LightNetworks,
+        Self::OfficialPrefilter,
+        Self::Exposures,
+        Self::PixelGradients,
+        Self::LightGradients,
+        Self::CameraGradients,
+        Self::Sums,
+        Self::Sampling,
+        Self::Limits,
+    ];
+
+    /// Name, as [`Unsupported`] has it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::NearFields => "near fields",
+            Self::Lamps => "lamps",
+            Self::LightNetworks => "lights of networks",
+            Self::OfficialPrefilter => "the official filter of light",
+            Self::Exposures => "exposures",
+            Self::PixelGradients => "gradients of pixels that look light up",
+            Self::LightGradients => "gradients of lights",
+            Self::CameraGradients => "gradients of cameras",
+            Self::Sums => "sums of gradients",
+            Self::Sampling => "filters in space",
+            Self::Limits => "ceilings of planes",
+        }
+    }
+}
+
 /// Counts of one densification.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DensifyReport {
@@ -147,8 +217,22 @@ pub struct StepReport {
 /// Executor of the stages of a picture, with associated types for arrays and for the results of
 /// stages.
 ///
-/// Stages compute the same on every executor, up to rounding, and each is deterministic. The result
-/// of a stage is valid for later stages of the same executor, with the same Gaussians and camera.
+/// Stages compute the same on every executor, up to rounding, and each is deterministic. The crate
+/// `specula-conformance` tests all that is said here.
+///
+/// * The required methods are those of pictures. Those of a [`Feature`] have defaults that refuse
+///   by name, and [`Renderer::has`] lists what an executor has beyond the required methods.
+/// * [`crate::pipeline`] calls the stages in order: [`project`](Self::project),
+///   [`shade`](Self::shade), [`bin`](Self::bin), [`blend`](Self::blend); for pixels that look light
+///   up [`trace`](Self::trace), [`illuminate`](Self::illuminate) and
+///   [`shade_pixels`](Self::shade_pixels), the first two with a light only, and only if the rules
+///   ask for them. It passes a light only under rules that are lit ([`RenderRules::is_lit`]), so
+///   stages need not read that rule.
+/// * The result of a stage is valid for later stages of the same executor, with the same Gaussians
+///   and camera, as long as it lives: a frame can be read, and its gradient taken, after other
+///   pictures were rendered.
+/// * A light has the maps of [`Levels`](crate::prefilter::Levels). Where the scheme has no map of
+///   irradiance ([`PrefilterScheme::Exact`]), its last level, of roughness 1, is that map.
 pub trait Renderer {
     /// Array of `f32` in the executor's memory.
     type Array;
@@ -165,7 +249,13 @@ pub trait Renderer {
     /// Blended picture: premultiplied channels and transmittance.
     type Frame;
     /// Error of a stage.
-    type Error;
+    type Error: core::error::Error + From<Unsupported> + 'static;
+
+    /// Returns whether the executor has a feature beyond the required methods.
+    fn has(&self, feature: Feature) -> bool {
+        let _ = feature;
+        false
+    }
 
     /// Uploads numbers to the executor.
     ///
@@ -208,7 +298,8 @@ pub trait Renderer {
     ///
     /// # Errors
     ///
-    /// The error of the executor, such as a resolution that cannot be filtered.
+    /// The error of the executor, such as a resolution that cannot be filtered, or
+    /// [`Unsupported`] for [`Feature::LightNetworks`] and [`Feature::OfficialPrefilter`].
     fn prefilter(
         &mut self,
         environment: &Environment<Self::Array>,
@@ -221,11 +312,21 @@ pub trait Renderer {
     /// # Errors
     ///
     /// The error of the executor: a near field with a fault ([`NearField::check`]), too little
-    /// memory or a lost device.
-    fn upload_near_field(&mut self, near_field: &NearField<&[f32]>) -> Result<Self::NearField, Self::Error>;
+    /// memory or a lost device; [`Unsupported`] without [`Feature::NearFields`].
+    fn upload_near_field(&mut self, near_field: &NearField<&[f32]>) -> Result<Self::NearField, Self::Error> {
+        let _ = near_field;
+        Err(Unsupported::feature(Feature::NearFields).into())
+    }
 
     /// Attaches a near field to a light, and replaces its former one.
-    fn surround(&mut self, light: Self::Light, near_field: &Self::NearField) -> Self::Light;
+    ///
+    /// # Errors
+    ///
+    /// [`Unsupported`] without [`Feature::NearFields`].
+    fn surround(&mut self, light: Self::Light, near_field: &Self::NearField) -> Result<Self::Light, Self::Error> {
+        let _ = (light, near_field);
+        Err(Unsupported::feature(Feature::NearFields).into())
+    }
 
     /// Attaches lamps to a light, and replaces its former ones, with `rays` shadow rays to each
     /// area lamp. Surfaces of `occluder` cast the shadows and reflect light onto each other; `None`
@@ -234,14 +335,17 @@ pub trait Renderer {
     /// # Errors
     ///
     /// The error of the executor: lamps with a fault ([`crate::lamps::check`]), too little memory
-    /// or a lost device.
+    /// or a lost device; [`Unsupported`] without [`Feature::Lamps`].
     fn add_lamps(
         &mut self,
         light: Self::Light,
         lamps: &[Lamp],
         rays: usize,
         occluder: Option<Occluder<'_, Self::NearField>>,
-    ) -> Result<Self::Light, Self::Error>;
+    ) -> Result<Self::Light, Self::Error> {
+        let _ = (light, lamps, rays, occluder);
+        Err(Unsupported::feature(Feature::Lamps).into())
+    }
 
     /// Projects Gaussians to splats. Gaussians whose mean, shape or opacity is not finite are not
     /// drawn.
@@ -289,17 +393,25 @@ pub trait Renderer {
     /// Traces the reflected ray of every pixel against the near field of the light
     /// ([`mod@crate::near_field`]); the frame keeps the reflections for [`Renderer::shade_pixels`]
     /// and its gradient. A frame without depths, or of a light without a near field, is returned
-    /// unchanged.
+    /// unchanged; so is every frame by default, since lights have no near fields then.
     ///
     /// # Errors
     ///
     /// The error of the executor, such as too little memory or a lost device.
-    fn trace(&mut self, surface: Self::Frame, light: &Self::Light, camera: &Camera)
-    -> Result<Self::Frame, Self::Error>;
+    fn trace(
+        &mut self,
+        surface: Self::Frame,
+        light: &Self::Light,
+        camera: &Camera,
+    ) -> Result<Self::Frame, Self::Error> {
+        let _ = (light, camera);
+        Ok(surface)
+    }
 
     /// Evaluates the direct light of lamps in every pixel ([`mod@crate::lamps`]); the frame keeps
     /// it for [`Renderer::shade_pixels`] of physical materials. A frame without all layers, or of a
-    /// light without lamps, is returned unchanged. Render only; not differentiated.
+    /// light without lamps, is returned unchanged; so is every frame by default. Render only; not
+    /// differentiated.
     ///
     /// # Errors
     ///
@@ -309,12 +421,21 @@ pub trait Renderer {
         surface: Self::Frame,
         light: &Self::Light,
         camera: &Camera,
-    ) -> Result<Self::Frame, Self::Error>;
+    ) -> Result<Self::Frame, Self::Error> {
+        let _ = (light, camera);
+        Ok(surface)
+    }
 
     /// Adds light to the blended surface of every pixel ([`crate::shade_pixels`]): the surface's
-    /// base colour becomes the colour of the picture, and the layers of specular colour and light
-    /// are filled in if they were requested. The frame keeps the surface, which the gradients of
-    /// this stage and of blending read.
+    /// base colour becomes the colour of the picture. The frame keeps the surface, which the
+    /// gradients of this stage and of blending read.
+    ///
+    /// [`PixelShading`](crate::pixel_light::PixelShading) composes a pixel. Layers that were
+    /// requested are premultiplied: the specular colour is that part of the colour, and the layer
+    /// of light is that of [`RenderRules::light_layer`]. Without a light physical materials are
+    /// black, and other surfaces keep their base colour. The table of the split sum is looked up
+    /// bilinearly between the centres of its texels, clamped at its edges
+    /// ([`table_position`](crate::split_sum::table_position)).
     ///
     /// # Errors
     ///
@@ -328,7 +449,8 @@ pub trait Renderer {
     ) -> Result<Self::Frame, Self::Error>;
 }
 
-/// Renderer that also trains: losses, gradients, updates.
+/// Renderer that also trains: losses, gradients, updates. The required methods are those of a
+/// training of unlit Gaussians.
 pub trait Executor: Renderer {
     /// Gradient of a light.
     type LightGrad;
@@ -365,8 +487,12 @@ pub trait Executor: Renderer {
     ///
     /// # Errors
     ///
-    /// The error of the executor, such as too little memory or a lost device.
-    fn expose(&mut self, frame: Self::Frame, exposure: &Exposure<f32>) -> Result<Self::Frame, Self::Error>;
+    /// The error of the executor, such as too little memory or a lost device;
+    /// [`Unsupported`] without [`Feature::Exposures`].
+    fn expose(&mut self, frame: Self::Frame, exposure: &Exposure<f32>) -> Result<Self::Frame, Self::Error> {
+        let _ = (frame, exposure);
+        Err(Unsupported::feature(Feature::Exposures).into())
+    }
 
     /// Gradient of a picture's losses against its target, over a background in sRGB.
     /// [`Executor::report`] returns the values of the losses.
@@ -388,20 +514,25 @@ pub trait Executor: Renderer {
     ///
     /// # Errors
     ///
-    /// The error of the executor, such as too little memory or a lost device.
+    /// The error of the executor, such as too little memory or a lost device;
+    /// [`Unsupported`] without [`Feature::Exposures`].
     fn expose_vjp(
         &mut self,
         frame: &Self::Frame,
         exposure: &Exposure<f32>,
         grad: Self::FrameGrad,
-    ) -> Result<Self::FrameGrad, Self::Error>;
+    ) -> Result<Self::FrameGrad, Self::Error> {
+        let _ = (frame, exposure, grad);
+        Err(Unsupported::feature(Feature::Exposures).into())
+    }
 
     /// Gradient of [`Renderer::shade_pixels`] with respect to the blended surface, and to the
     /// light, if there is one.
     ///
     /// # Errors
     ///
-    /// The error of the executor, such as too little memory or a lost device.
+    /// The error of the executor, such as too little memory or a lost device;
+    /// [`Unsupported`] without [`Feature::PixelGradients`].
     fn shade_pixels_vjp(
         &mut self,
         surface: &Self::Frame,
@@ -409,7 +540,10 @@ pub trait Executor: Renderer {
         camera: &Camera,
         rules: &RenderRules,
         grad: Self::FrameGrad,
-    ) -> Result<(Self::FrameGrad, Option<Self::LightGrad>), Self::Error>;
+    ) -> Result<(Self::FrameGrad, Option<Self::LightGrad>), Self::Error> {
+        let _ = (surface, light, camera, rules, grad);
+        Err(Unsupported::feature(Feature::PixelGradients).into())
+    }
 
     /// Gradient of [`Renderer::blend`].
     ///
@@ -428,7 +562,8 @@ pub trait Executor: Renderer {
 
     /// Gradient of [`Renderer::shade`] and [`Renderer::project`], which read the same attributes:
     /// of the Gaussians, and of the light, if there is one that Gaussians look up. Adds the
-    /// gradients of the losses on attributes.
+    /// gradients of the losses on attributes. The gradient of the channel of depth is that of
+    /// [`SplatGrad::depth`].
     ///
     /// # Errors
     ///
@@ -460,33 +595,38 @@ pub trait Executor: Renderer {
         light: Option<&Self::Light>,
         rules: &RenderRules,
         grads: &Self::SplatGrads,
-    ) -> Result<(Gaussians<Self::Array>, Option<Self::LightGrad>, CameraGrad<Double>), Self::Error>
-    where
-        Self::Error: From<Unsupported>,
-    {
+    ) -> Result<(Gaussians<Self::Array>, Option<Self::LightGrad>, CameraGrad<Double>), Self::Error> {
         let _ = (gaussians, camera, splats, light, rules, grads);
-        Err(Unsupported { what: "gradients of cameras" }.into())
+        Err(Unsupported::feature(Feature::CameraGradients).into())
     }
 
     /// Gradient of [`Renderer::prefilter`] with respect to the environment's numbers.
     ///
     /// # Errors
     ///
-    /// The error of the executor, such as too little memory or a lost device.
+    /// The error of the executor, such as too little memory or a lost device;
+    /// [`Unsupported`] without [`Feature::LightGradients`].
     fn prefilter_vjp(
         &mut self,
         environment: &Environment<Self::Array>,
         light: &Self::Light,
         grad: &Self::LightGrad,
-    ) -> Result<Self::Array, Self::Error>;
+    ) -> Result<Self::Array, Self::Error> {
+        let _ = (environment, light, grad);
+        Err(Unsupported::feature(Feature::LightGradients).into())
+    }
 
     /// Adds an array to another of the same layout: gradients of the same Gaussians or of the same
     /// light, or their statistics.
     ///
     /// # Errors
     ///
-    /// The error of the executor, such as a lost device.
-    fn add(&mut self, sum: &mut Self::Array, term: &Self::Array) -> Result<(), Self::Error>;
+    /// The error of the executor, such as a lost device; [`Unsupported`] without
+    /// [`Feature::Sums`].
+    fn add(&mut self, sum: &mut Self::Array, term: &Self::Array) -> Result<(), Self::Error> {
+        let _ = (sum, term);
+        Err(Unsupported::feature(Feature::Sums).into())
+    }
 
     /// Takes one Adam step in every plane, at its own rate or at rest
     /// ([`AT_REST`](crate::optimise::AT_REST)). Gradients that are not finite are skipped and
@@ -533,7 +673,8 @@ pub trait Executor: Renderer {
     ///
     /// # Errors
     ///
-    /// The error of the executor, such as too little memory or a lost device.
+    /// The error of the executor, such as too little memory or a lost device;
+    /// [`Unsupported`] without [`Feature::LightGradients`].
     fn optimise_environment(
         &mut self,
         environment: &mut Environment<Self::Array>,
@@ -542,7 +683,10 @@ pub trait Executor: Renderer {
         rate: f32,
         radiance_max: f32,
         step: u32,
-    ) -> Result<(), Self::Error>;
+    ) -> Result<(), Self::Error> {
+        let _ = (environment, moments, grad, rate, radiance_max, step);
+        Err(Unsupported::feature(Feature::LightGradients).into())
+    }
 
     /// Results of the stages since the last report: the losses of the last picture, the gradient of
     /// its exposure, and the number of skipped gradients. It is the only synchronisation point of a
@@ -588,15 +732,20 @@ pub trait Executor: Renderer {
     ///
     /// # Errors
     ///
-    /// The error of the executor, such as too little memory or a lost device.
-    fn sampling(&mut self, gaussians: &mut Gaussians<Self::Array>, views: &[Camera]) -> Result<(), Self::Error>;
+    /// The error of the executor, such as too little memory or a lost device;
+    /// [`Unsupported`] without [`Feature::Sampling`].
+    fn sampling(&mut self, gaussians: &mut Gaussians<Self::Array>, views: &[Camera]) -> Result<(), Self::Error> {
+        let _ = (gaussians, views);
+        Err(Unsupported::feature(Feature::Sampling).into())
+    }
 
     /// Clamps one plane to at most `ceiling` and resets its momentum, as the opacity reset does;
     /// with a ball, only for Gaussians whose means lie outside of it.
     ///
     /// # Errors
     ///
-    /// The error of the executor, such as too little memory or a lost device.
+    /// The error of the executor, such as too little memory or a lost device;
+    /// [`Unsupported`] without [`Feature::Limits`].
     fn limit_plane(
         &mut self,
         gaussians: &mut Gaussians<Self::Array>,
@@ -604,7 +753,10 @@ pub trait Executor: Renderer {
         plane: usize,
         ceiling: f32,
         outside: Option<Ball>,
-    ) -> Result<(), Self::Error>;
+    ) -> Result<(), Self::Error> {
+        let _ = (gaussians, moments, plane, ceiling, outside);
+        Err(Unsupported::feature(Feature::Limits).into())
+    }
 }
 
 /// Gaussian on the screen.
@@ -659,10 +811,7 @@ pub trait ReadBack: Executor {
     ///
     /// [`BufferLength`], where `screens` has not one element for each Gaussian; [`Unsupported`],
     /// where the executor does not read them back; otherwise the error of the executor.
-    fn read_splats(&mut self, splats: &Self::Splats, screens: &mut [OnScreen]) -> Result<(), Self::Error>
-    where
-        Self::Error: From<Unsupported>,
-    {
+    fn read_splats(&mut self, splats: &Self::Splats, screens: &mut [OnScreen]) -> Result<(), Self::Error> {
         let _ = (splats, screens);
         Err(Unsupported { what: "positions and extents of splats on the host" }.into())
     }
@@ -673,10 +822,7 @@ pub trait ReadBack: Executor {
     ///
     /// [`BufferLength`], where `values` has not one element for each Gaussian; [`Unsupported`],
     /// where the executor does not read them back; otherwise the error of the executor.
-    fn read_splat_grads(&mut self, grads: &Self::SplatGrads, values: &mut [SplatGrad<f32>]) -> Result<(), Self::Error>
-    where
-        Self::Error: From<Unsupported>,
-    {
+    fn read_splat_grads(&mut self, grads: &Self::SplatGrads, values: &mut [SplatGrad<f32>]) -> Result<(), Self::Error> {
         let _ = (grads, values);
         Err(Unsupported { what: "gradients of splats on the host" }.into())
     }
@@ -688,10 +834,7 @@ pub trait ReadBack: Executor {
     ///
     /// [`BufferLength`], where there is not one colour for each Gaussian; [`Unsupported`], where
     /// the executor takes no colours from the host; otherwise the error of the executor.
-    fn write_colors(&mut self, colors: &mut Self::Colors, rgb: &[[f32; 3]]) -> Result<(), Self::Error>
-    where
-        Self::Error: From<Unsupported>,
-    {
+    fn write_colors(&mut self, colors: &mut Self::Colors, rgb: &[[f32; 3]]) -> Result<(), Self::Error> {
         let _ = (colors, rgb);
         Err(Unsupported { what: "colours from the host" }.into())
     }

@@ -3,7 +3,7 @@
 use crate::{
     camera::{Camera, CameraGrad},
     double::Double,
-    executor::{Executor, ReadBack, Renderer, StepReport, TrainingStep, Unsupported},
+    executor::{Executor, ReadBack, Renderer, StepReport, TrainingStep},
     loss::LossWeights,
     rules::RenderRules,
     scene::{Environment, Gaussians, Layout},
@@ -352,9 +352,9 @@ pub fn render_taped<E: Executor>(
 ///
 /// # Errors
 ///
-/// The error of the stage that failed; [`Unsupported`], where the executor takes no colours from
-/// the host.
-pub fn render_colors_taped<E: ReadBack<Error: From<Unsupported>>>(
+/// The error of the stage that failed; [`Unsupported`](crate::executor::Unsupported), where the
+/// executor takes no colours from the host.
+pub fn render_colors_taped<E: ReadBack>(
     exec: &mut E,
     gaussians: &Gaussians<E::Array>,
     rgb: &[[f32; 3]],
@@ -395,9 +395,9 @@ pub fn render_vjp<E: Executor>(
 ///
 /// # Errors
 ///
-/// The error of the stage that failed; [`Unsupported`], where the executor has no gradient of the
-/// camera, or none under these rules.
-pub fn render_and_camera_vjp<E: Executor<Error: From<Unsupported>>>(
+/// The error of the stage that failed; [`Unsupported`](crate::executor::Unsupported), where the
+/// executor has no gradient of the camera, or none under these rules.
+pub fn render_and_camera_vjp<E: Executor>(
     exec: &mut E,
     tape: &Tape<E>,
     gaussians: &Gaussians<E::Array>,
@@ -423,7 +423,7 @@ fn filtered<E: Renderer>(
     let Some(environment) = environment.filter(|_| rules.is_lit) else { return Ok(None) };
     let light = exec.prefilter(environment, rules.scheme, rules.levels)?;
     Ok(Some(match near_field {
-        Some(near_field) => exec.surround(light, near_field),
+        Some(near_field) => exec.surround(light, near_field)?,
         None => light,
     }))
 }

@@ -2,8 +2,12 @@
 
 #![expect(dead_code, reason = "the examples' entry points")]
 
+#[path = "../executor.rs"]
+mod executor;
 #[path = "../fit.rs"]
 mod fit;
+#[path = "run/mutants.rs"]
+mod mutants;
 #[path = "../prefilter.rs"]
 mod prefilter;
 #[path = "../render.rs"]

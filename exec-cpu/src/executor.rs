@@ -29,7 +29,8 @@ use specula_core::{
     densify::DensifyRules,
     double::Double,
     executor::{
-        BufferLength, DensifyReport, Executor, Occluder, RandomKey, Renderer, StepReport, TrainingStep, Unsupported,
+        BufferLength, DensifyReport, Executor, Feature, Occluder, RandomKey, Renderer, StepReport, TrainingStep,
+        Unsupported,
     },
     expose::Exposure,
     lamps::Lamp,
@@ -213,6 +214,10 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
     type Frame = Frame;
     type Error = CpuError;
 
+    fn has(&self, _: Feature) -> bool {
+        true
+    }
+
     fn upload(&mut self, values: &[f32]) -> Result<Vec<f32>, CpuError> {
         Ok(self.context.copy_of(values))
     }
@@ -247,8 +252,8 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
         Ok(Arc::new(near_field.with_values(near_field.values.to_vec())))
     }
 
-    fn surround(&mut self, light: Light, near_field: &Self::NearField) -> Light {
-        light.around(near_field)
+    fn surround(&mut self, light: Light, near_field: &Self::NearField) -> Result<Light, CpuError> {
+        Ok(light.around(near_field))
     }
 
     fn add_lamps(

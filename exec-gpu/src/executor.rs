@@ -45,7 +45,7 @@ use specula_core::{
     camera::Camera,
     cutoffs::BlendOrder,
     densify::DensifyRules,
-    executor::{BufferLength, DensifyReport, Executor, Occluder, RandomKey, Renderer, StepReport},
+    executor::{BufferLength, DensifyReport, Executor, Feature, Occluder, RandomKey, Renderer, StepReport},
     expose::Exposure,
     lamps::Lamp,
     light_network::LightNetworkError,
@@ -335,6 +335,10 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
     type Frame = Frame;
     type Error = GpuError;
 
+    fn has(&self, feature: Feature) -> bool {
+        feature != Feature::CameraGradients
+    }
+
     fn upload(&mut self, values: &[f32]) -> Result<ChunkedArray, GpuError> {
         self.context.upload("numbers", values).map(ChunkedArray::from)
     }
@@ -388,8 +392,8 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
         upload_near_field(&mut self.context, near_field)
     }
 
-    fn surround(&mut self, light: Light, near_field: &Self::NearField) -> Light {
-        light.around(near_field)
+    fn surround(&mut self, light: Light, near_field: &Self::NearField) -> Result<Light, GpuError> {
+        Ok(light.around(near_field))
     }
 
     fn add_lamps(

@@ -211,7 +211,7 @@ impl Trial<'_> {
     fn surrounded(&mut self, light: Light) -> Result<Light, CpuError> {
         let Some(near_field) = self.subject.near_field.as_deref() else { return Ok(light) };
         let near_field = self.exec.upload_near_field(&near_field.with_values(near_field.values.as_slice()))?;
-        Ok(self.exec.surround(light, &near_field))
+        self.exec.surround(light, &near_field)
     }
 
     /// Index of a setting's filtered light.

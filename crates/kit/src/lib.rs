@@ -91,7 +91,7 @@ mod rasterizer;
 
 pub use error::{Column, InputError, RasterizeError};
 pub use inputs::{Colors, Cotangents, DepthMode, Images, InputGradients, Inputs, Options, PinholeView, ViewGradients};
-pub use rasterizer::{Context, RasterExecutor, RasterizeResult, Rasterizer};
+pub use rasterizer::{Context, RasterizeResult, Rasterizer};
 
 /// Names that a program with a picture and its gradient needs.
 pub mod prelude {

@@ -8,7 +8,7 @@ use crate::{
 use specula_core::{
     camera::{Camera, CameraGrad},
     double::Double,
-    executor::{OnScreen, ReadBack, Unsupported},
+    executor::{OnScreen, ReadBack},
     pipeline::{Gradients, Tape, render_and_camera_vjp, render_colors_taped, render_taped, render_vjp},
     prefilter::PrefilterScheme,
     rules::{Channels, RenderRules, channel},
@@ -28,11 +28,6 @@ const EDGE_MAX: u32 = 1 << 16;
 /// Result of the rasteriser on an executor.
 pub type RasterizeResult<T, E> = Result<T, RasterizeError<<E as specula_core::executor::Renderer>::Error>>;
 
-/// Executor that the rasteriser runs on.
-pub trait RasterExecutor: ReadBack<Error: From<Unsupported> + core::error::Error + 'static> {}
-
-impl<E: ReadBack<Error: From<Unsupported> + core::error::Error + 'static>> RasterExecutor for E {}
-
 /// Differentiable rasteriser of Gaussians on an executor.
 ///
 /// The crate lists its [conventions](crate#conventions). Equal inputs give equal bits, on a CPU for
@@ -44,7 +39,7 @@ pub struct Rasterizer<E> {
 }
 
 /// State of a forward pass that its gradient reads.
-pub struct Context<E: RasterExecutor> {
+pub struct Context<E: ReadBack> {
     options: Options,
     layout: Layout,
     has_harmonics: bool,
@@ -56,7 +51,7 @@ pub struct Context<E: RasterExecutor> {
 }
 
 /// State of one view.
-struct ViewContext<E: RasterExecutor> {
+struct ViewContext<E: ReadBack> {
     tape: Tape<E>,
     background: [f32; 3],
     /// Gaussians without those beyond the far plane, if there are any.
@@ -68,7 +63,7 @@ struct ViewContext<E: RasterExecutor> {
     splat_opacities: Vec<f32>,
 }
 
-impl<E: RasterExecutor> core::fmt::Debug for Context<E> {
+impl<E: ReadBack> core::fmt::Debug for Context<E> {
     fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let (gaussians, views) = (self.scales.len(), self.views.len());
         out.debug_struct("Context").field("gaussians", &gaussians).field("views", &views).finish_non_exhaustive()
@@ -83,7 +78,7 @@ impl Rasterizer<specula_cpu::CpuExecutor> {
     }
 }
 
-impl<E: RasterExecutor> Rasterizer<E> {
+impl<E: ReadBack> Rasterizer<E> {
     /// Rasteriser on an executor.
     pub const fn on(exec: E, options: Options) -> Self {
         Self { exec, options }
@@ -275,7 +270,7 @@ impl<E: RasterExecutor> Rasterizer<E> {
     }
 }
 
-impl<E: RasterExecutor> ViewContext<E> {
+impl<E: ReadBack> ViewContext<E> {
     fn check(&self, view: usize, cotangents: &Cotangents<'_>, depth: DepthMode) -> Result<(), InputError> {
         let size = self.alpha.len();
         let depth_len = if depth == DepthMode::None { 0 } else { size };

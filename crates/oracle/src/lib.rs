@@ -291,6 +291,75 @@ pub struct Gradient<R> {
     pub environment: Option<Vec<R>>,
 }
 
+/// Picture of a scene, and the stages before it.
+struct Pass<R> {
+    light: Option<Light<R>>,
+    splats: Vec<Splat<R>>,
+    colors: Vec<Vec<R>>,
+    order: Vec<usize>,
+    /// Blended surface, before light is added pixel by pixel.
+    surface: Frame<R>,
+    picture: Frame<R>,
+}
+
+impl<R: Number> Pass<R> {
+    fn new(gaussians: &Gaussians<Vec<R>>, light: Option<Light<R>>, camera: &Camera, rules: &RenderRules) -> Self {
+        let mut splats = project(gaussians, camera);
+        let colors = shade(gaussians, camera, light.as_ref(), rules);
+        leave_out(&mut splats, gaussians, camera, rules);
+        let order = front_to_back(&splats);
+        let surface = blend(&splats, &colors, &order, camera);
+        let is_deferred = rules.is_deferred(gaussians.layout);
+        let picture = if is_deferred { shade_pixels(&surface, light.as_ref(), camera, rules) } else { surface.clone() };
+        Self { light, splats, colors, order, surface, picture }
+    }
+
+    /// Gradients of the Gaussians and of the light under a cotangent of the picture.
+    fn vjp(
+        &self,
+        gaussians: &Gaussians<Vec<R>>,
+        environment: Option<(&Environment<Vec<R>>, &Operator)>,
+        camera: &Camera,
+        rules: &RenderRules,
+        mut cotangent: Frame<R>,
+    ) -> Gradient<R> {
+        let Self { light, splats, colors, order, surface, .. } = self;
+        let mut light_grad = light.as_ref().map(LightGrad::zero);
+        if rules.is_deferred(gaussians.layout) {
+            shade_pixels_vjp(surface, light.as_ref(), camera, rules, &mut cotangent, light_grad.as_mut());
+        }
+        let (mut splat_grads, color_grads) = blend_vjp(splats, colors, order, surface, &cotangent);
+        if blended(&shading(gaussians, rules)) != Channels::Color {
+            for (splat, channels) in splat_grads.iter_mut().zip(&color_grads) {
+                splat.depth = splat.depth + channels[channel::DEPTH];
+            }
+        }
+        let mut out = Gaussians { values: vec![R::of(0.0); gaussians.values.len()], ..*gaussians };
+        shade_vjp(gaussians, camera, light.as_ref(), rules, &color_grads, &mut out, light_grad.as_mut());
+        project_vjp(gaussians, camera, &splat_grads, &mut out);
+        let environment = environment
+            .zip(light_grad)
+            .map(|((environment, operator), light_grad)| prefilter_vjp(environment, operator, &light_grad));
+        Gradient { gaussians: out, environment }
+    }
+}
+
+/// Gradients of [`render`] under a cotangent of its frame, plane by plane, with a light that is
+/// filtered by an operator.
+pub fn render_vjp<R: Number>(
+    gaussians: &Gaussians<Vec<R>>,
+    environment: Option<(&Environment<Vec<R>>, &Operator)>,
+    camera: &Camera,
+    rules: &RenderRules,
+    cotangent: &[R],
+) -> Gradient<R> {
+    let environment = environment.filter(|_| rules.is_lit);
+    let light = environment.map(|(environment, operator)| prefilter(environment, operator));
+    let pass = Pass::new(gaussians, light, camera, rules);
+    let cotangent = Frame { values: cotangent.to_vec(), ..pass.picture.clone() };
+    pass.vjp(gaussians, environment, camera, rules, cotangent)
+}
+
 /// [`loss`], the gradient of every parameter, and the weights that were constants in it.
 pub fn loss_and_gradient<R: Number>(
     gaussians: &Gaussians<Vec<R>>,
@@ -299,39 +368,16 @@ pub fn loss_and_gradient<R: Number>(
 ) -> (R, Gradient<R>, FrozenWeights) {
     let near_field = view.near_field.map(|near_field| Arc::new(near_field.clone()));
     let light = environment.map(|(environment, operator)| Light { near_field, ..prefilter(environment, operator) });
-    let mut splats = project(gaussians, view.camera);
-    let colors = shade(gaussians, view.camera, light.as_ref(), view.rules);
-    leave_out(&mut splats, gaussians, view.camera, view.rules);
-    let order = front_to_back(&splats);
-    let frame = blend(&splats, &colors, &order, view.camera);
-    let is_deferred = view.rules.is_deferred(gaussians.layout);
-    let picture =
-        if is_deferred { shade_pixels(&frame, light.as_ref(), view.camera, view.rules) } else { frame.clone() };
+    let pass = Pass::new(gaussians, light, view.camera, view.rules);
     let weights = view.weights.of_form(view.rules.shading.form);
-    let is_unlit_needed = is_deferred && weights.smoothness != 0.0;
-    let unlit = is_unlit_needed.then(|| shade_pixels(&frame, None, view.camera, view.rules));
-    let frozen = freeze_weights(&picture, unlit.as_ref(), view.camera);
-    let frame_value = frame_loss(&picture, view.target, view.camera, &weights, &frozen);
+    let is_unlit_needed = view.rules.is_deferred(gaussians.layout) && weights.smoothness != 0.0;
+    let unlit = is_unlit_needed.then(|| shade_pixels(&pass.surface, None, view.camera, view.rules));
+    let frozen = freeze_weights(&pass.picture, unlit.as_ref(), view.camera);
+    let frame_value = frame_loss(&pass.picture, view.target, view.camera, &weights, &frozen);
     let value = frame_value + attribute_loss(gaussians, view.weights);
 
-    let mut light_grad = light.as_ref().map(LightGrad::zero);
-    let mut frame_grad = frame_loss_vjp(&picture, view.target, view.camera, view.weights, &frozen);
-    if is_deferred {
-        shade_pixels_vjp(&frame, light.as_ref(), view.camera, view.rules, &mut frame_grad, light_grad.as_mut());
-    }
-    let (mut splat_grads, color_grads) = blend_vjp(&splats, &colors, &order, &frame, &frame_grad);
-    if blended(&shading(gaussians, view.rules)) != Channels::Color {
-        for (splat, channels) in splat_grads.iter_mut().zip(&color_grads) {
-            splat.depth = splat.depth + channels[channel::DEPTH];
-        }
-    }
-
-    let mut out = Gaussians { values: vec![R::of(0.0); gaussians.values.len()], ..*gaussians };
-    shade_vjp(gaussians, view.camera, light.as_ref(), view.rules, &color_grads, &mut out, light_grad.as_mut());
-    project_vjp(gaussians, view.camera, &splat_grads, &mut out);
-    attribute_loss_vjp(gaussians, view.weights, &mut out);
-    let environment = environment
-        .zip(light_grad)
-        .map(|((environment, operator), light_grad)| prefilter_vjp(environment, operator, &light_grad));
-    (value, Gradient { gaussians: out, environment }, frozen)
+    let cotangent = frame_loss_vjp(&pass.picture, view.target, view.camera, view.weights, &frozen);
+    let mut gradient = pass.vjp(gaussians, environment, view.camera, view.rules, cotangent);
+    attribute_loss_vjp(gaussians, view.weights, &mut gradient.gaussians);
+    (value, gradient, frozen)
 }

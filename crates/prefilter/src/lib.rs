@@ -303,7 +303,8 @@ impl Operator {
             (first < next).then(|| (first, Sparse::join(&parts)))
         })
     }
-    /// From nodes and rows to levels with aprons.
+    /// From nodes and rows to levels with aprons. Columns are the nodes of the pyramid, then the
+    /// filtered texels; rows are the texels of the levels, in the order of their maps.
     pub fn aprons(&self) -> &Linear {
         &self.aprons
     }

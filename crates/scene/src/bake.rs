@@ -171,7 +171,7 @@ fn surrounded<E: ReadBack>(
 ) -> Result<E::Light, E::Error> {
     let Some(near_field) = near_field else { return Ok(light) };
     let near_field = upload_near_field(exec, near_field)?;
-    Ok(exec.surround(light, &near_field))
+    exec.surround(light, &near_field)
 }
 
 impl<E: ReadBack> Baker<E> {

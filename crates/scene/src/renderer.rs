@@ -210,7 +210,7 @@ where
         self.lights.resize_with(count, || None);
         let mut light = (self.store)(light, self.storage);
         if let Some(near_field) = &self.near_field {
-            light = self.exec.surround(light, near_field);
+            light = self.exec.surround(light, near_field).map_err(Into::into)?;
         }
         if let Some(UploadedLamps { lamps, occluder }) = &self.lamps {
             let reflected = reflected(lamps);

@@ -388,7 +388,10 @@ impl Ranks {
         let (count, layout) = (gaussians.count, gaussians.layout);
         let own = self.range(count, self.rank());
         let values = values_of(&own, layout);
-        let mut kept = |array| Ok(download(exec, array, len_of_values(count, layout))?[values.clone()].to_vec());
+        let mut kept = |array| {
+            let all = download(exec, array, len_of_values(count, layout));
+            all.map(|all| all[values.clone()].to_vec())
+        };
         let both = [kept(&moments.mean)?, kept(&moments.square)?];
         *moments = upload_moments(exec, &Gaussians { count: own.len(), layout, values: both })?;
         for array in [&mut statistics.grad_sum, &mut statistics.view_count] {
@@ -465,7 +468,8 @@ fn upload_moments<E: Executor>(
     exec: &mut E,
     moments: &Gaussians<[Vec<f32>; 2]>,
 ) -> Result<AdamMoments<E::Array>, E::Error> {
-    let mut upload = |values: &Vec<f32>| Ok(exec.upload_gaussians(&moments.with_values(values))?.values);
+    let mut upload =
+        |values: &Vec<f32>| exec.upload_gaussians(&moments.with_values(values)).map(|gaussians| gaussians.values);
     let [mean, square] = &moments.values;
     Ok(AdamMoments { mean: upload(mean)?, square: upload(square)? })
 }

@@ -5,6 +5,7 @@
 mod antialias;
 mod attributes;
 mod brute;
+mod conformance;
 mod cutoffs;
 mod densify;
 mod derivatives;

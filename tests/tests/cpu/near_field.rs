@@ -323,7 +323,7 @@ impl Subject {
         let mut light = exec.prefilter(&self.light, rules.scheme, LevelRange::ALL).expect("16 is a power of two");
         if let Some(near_field) = near_field {
             let uploaded = exec.upload_near_field(&near_field.with_values(&near_field.values)).expect("it is whole");
-            light = exec.surround(light, &uploaded);
+            light = exec.surround(light, &uploaded).expect("the CPU traces");
         }
         render_view(&mut exec, &self.gaussians, Some(&light), &self.camera, rules).expect("the CPU renders")
     }
@@ -469,7 +469,7 @@ fn a_frame_without_depths_stays_as_it_is() {
     let light = exec.prefilter(&subject.light, rules.scheme, LevelRange::ALL).expect("16 is a power of two");
     let near_field = random_near_field(60, 6);
     let uploaded = exec.upload_near_field(&near_field.with_values(&near_field.values)).expect("it is whole");
-    let around = exec.surround(light.clone(), &uploaded);
+    let around = exec.surround(light.clone(), &uploaded).expect("the CPU traces");
     let traced = RenderRules { traces_near: true, ..rules };
     assert_eq!(rules.blended(subject.gaussians.layout), Channels::Lit, "no depths");
     assert_eq!(traced.blended(subject.gaussians.layout), Channels::Surface, "depths where rays start");

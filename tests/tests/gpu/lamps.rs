@@ -107,7 +107,7 @@ impl Scene {
         let light = exec.prefilter(&environment, rules.scheme, LevelRange::ALL).expect("16 is a power of two");
         let near_field = self.near_field.with_values(self.near_field.values.as_slice());
         let near_field = exec.upload_near_field(&near_field).expect("it is whole");
-        let light = exec.surround(light, &near_field);
+        let light = exec.surround(light, &near_field).expect("the executor traces");
         let occluder = has_shadows.then_some(Occluder { surface: &near_field, reflected: &self.reflected });
         let light = exec.add_lamps(light, &lamps(), RAYS, occluder).expect("they can shine");
         let image = render_view(exec, &gaussians, Some(&light), &camera(70, 45), rules).expect("the executor renders");

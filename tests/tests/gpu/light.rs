@@ -452,7 +452,7 @@ impl Scene {
         let mut light = self.rules.is_lit.then(|| light_of(exec, &self.environment, self.rules.scheme));
         if let Some(near_field) = &self.near_field {
             let near_field = exec.upload_near_field(&near_field.with_values(&near_field.values)).expect("it is whole");
-            light = light.map(|light| exec.surround(light, &near_field));
+            light = light.map(|light| exec.surround(light, &near_field).expect("the executor traces"));
         }
         let mut splats = exec.project(&cloud, &self.camera).expect("the executor projects");
         let colors = exec.shade(&cloud, &self.camera, &mut splats, light.as_ref(), &self.rules).expect("it shades");

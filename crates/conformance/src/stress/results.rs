@@ -45,7 +45,7 @@ pub struct Results {
 
 impl Results {
     /// A picture of the case, and a step of training.
-    pub fn new<E: Executor<Error: core::fmt::Debug>>(exec: &mut E, case: &Case, shading: ShadingRules) -> Self {
+    pub fn new<E: Executor>(exec: &mut E, case: &Case, shading: ShadingRules) -> Self {
         let rules = RenderRules::full(shading, PrefilterScheme::Exact, Channels::Training);
         let mut scene = Scene::new(exec, case);
         let picture = scene.picture(exec, case, &rules);
@@ -63,7 +63,7 @@ struct Scene<A> {
 }
 
 impl<A> Scene<A> {
-    fn new<E: Executor<Array = A, Error: core::fmt::Debug>>(exec: &mut E, case: &Case) -> Self {
+    fn new<E: Executor<Array = A>>(exec: &mut E, case: &Case) -> Self {
         let Gaussians { count, values, .. } = &case.cloud;
         let zeros = vec![0.0; values.len()];
         let mut upload = |values| exec.upload_gaussians(&case.cloud.with_values(values)).expect("numbers fit");
@@ -88,12 +88,7 @@ impl<A> Scene<A> {
         }
     }
 
-    fn picture<E: Executor<Array = A, Error: core::fmt::Debug>>(
-        &self,
-        exec: &mut E,
-        case: &Case,
-        rules: &RenderRules,
-    ) -> Vec<f64> {
+    fn picture<E: Executor<Array = A>>(&self, exec: &mut E, case: &Case, rules: &RenderRules) -> Vec<f64> {
         let light = self.state.light.as_ref();
         let light = light
             .map(|(light, _)| exec.prefilter(light, rules.scheme, rules.levels).expect("the resolution is allowed"));
@@ -106,12 +101,7 @@ impl<A> Scene<A> {
     }
 
     /// A step that moves nothing but the running means, which then are a tenth of the gradients.
-    fn step<E: Executor<Array = A, Error: core::fmt::Debug>>(
-        &mut self,
-        exec: &mut E,
-        case: &Case,
-        rules: &RenderRules,
-    ) -> StepReport {
+    fn step<E: Executor<Array = A>>(&mut self, exec: &mut E, case: &Case, rules: &RenderRules) -> StepReport {
         let [width, height] = [case.camera.width as usize, case.camera.height as usize];
         let target = exec.target(width, height, &case.picture()).expect("the bytes fit");
         let step = TrainingStep {
@@ -131,7 +121,7 @@ impl<A> Scene<A> {
         train_step(exec, &mut self.state, &step).expect("the executor trains")
     }
 
-    fn gradient<E: Executor<Array = A, Error: core::fmt::Debug>>(&self, exec: &mut E) -> Vec<f64> {
+    fn gradient<E: Executor<Array = A>>(&self, exec: &mut E) -> Vec<f64> {
         let mut download = |array: &A, len: usize| {
             let mut values = vec![0.0; len];
             exec.download(array, &mut values).expect("numbers come back");

@@ -11,6 +11,21 @@ pub const SAME_DERIVATIVE: f64 = 1e-10;
 pub const ROUNDING_F64: f64 = 1e-12;
 /// A few roundings of `f32`.
 pub const ROUNDING_F32: f64 = 1e-6;
+/// Closeness of pictures in `f32` and `f64`, in dB: rounding of a few hundred operations, 1e-5, is
+/// 100 dB; a single pixel on the other side of the cut at 1/255 brings a small picture down to 85
+/// dB.
+pub const SAME_FRAME: f64 = 80.0;
+/// The same of pictures whose rays hit triangles: a pixel whose ray hits the other of two brings a
+/// small picture down to 80 dB.
+pub const NEAR_TRIANGLES: f64 = 75.0;
+/// Gradients of a small picture in `f32`, by attribute, relative to the largest: a pixel on the
+/// other side of the cut at 1/255 makes a few in ten thousand.
+pub const SAME_GRADIENT: f64 = 5e-4;
+/// The same of physical materials. The split-sum table is linear between its entries: pixels within
+/// rounding of one may take the slope on its other side.
+pub const SAME_PHYSICAL_GRADIENT: f64 = 1e-3;
+/// Positions on the screen: a few roundings of projection.
+pub const SAME_SPLAT: f64 = 1e-5;
 
 /// Checks that two numbers differ by no more than `tolerance`.
 #[track_caller]
@@ -50,6 +65,32 @@ pub fn psnr(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len(), "pictures of different sizes have no distance");
     let squared = |(x, y): (&f64, &f64)| (x.clamp(0.0, 1.0) - y.clamp(0.0, 1.0)).powi(2);
     metrics::psnr(a.iter().zip(b).map(squared).sum::<f64>() / a.len() as f64)
+}
+
+/// Closeness of the least close planes of two pictures, in dB: the PSNR of each plane, in units of
+/// one or of its largest expected number, whichever is larger. NaN if a number is.
+#[track_caller]
+pub fn closeness(actual: &[f64], expected: &[f64], pixels: usize) -> f64 {
+    assert_eq!(actual.len(), expected.len(), "pictures of different sizes have no distance");
+    let planes = actual.chunks(pixels.max(1)).zip(expected.chunks(pixels.max(1)));
+    let of_plane = |(actual, expected): (&[f64], &[f64])| {
+        let scale = expected.iter().fold(1.0, |scale, x| f64::max(scale, x.abs()));
+        let squared = |(a, e): (&f64, &f64)| ((a - e) / scale).powi(2);
+        metrics::psnr(actual.iter().zip(expected).map(squared).sum::<f64>() / actual.len() as f64)
+    };
+    planes.map(of_plane).fold(f64::INFINITY, |least, own| if own.is_nan() || own < least { own } else { least })
+}
+
+/// Checks that all numbers are finite.
+///
+/// # Errors
+///
+/// The first that is not.
+pub fn assert_finite(numbers: &[f64]) -> Result<(), String> {
+    match numbers.iter().position(|x| !x.is_finite()) {
+        Some(index) => Err(format!("number {index} is {}", numbers[index])),
+        None => Ok(()),
+    }
 }
 
 /// Checks that the pictures are at least this close, in dB.
@@ -103,6 +144,15 @@ mod tests {
     #[should_panic(expected = "dB")]
     fn assert_psnr_fails_for_nan() {
         assert_psnr(&[0.5, f64::NAN], &[0.5, 0.5], 30.0);
+    }
+
+    #[test]
+    fn closeness_is_that_of_the_worst_plane() {
+        let expected = [0.5, 0.5, 10.0, 5.0];
+        assert_close(closeness(&[0.51, 0.51, 10.0, 5.0], &expected, 2), 40.0, 1e-9);
+        assert_close(closeness(&[0.5, 0.5, 10.1, 5.1], &expected, 2), 40.0, 1e-9);
+        assert!(closeness(&expected, &expected, 2) > 1000.0, "the same pictures are the same");
+        assert!(closeness(&[0.5, 0.5, f64::NAN, 5.0], &expected, 2).is_nan(), "NaN anywhere is seen");
     }
 
     #[test]
