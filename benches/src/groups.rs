@@ -31,10 +31,7 @@ impl<E: Renderer> Debug for Groups<'_, E> {
     }
 }
 
-impl<E: Renderer> Groups<'_, E>
-where
-    E::Error: Debug,
-{
+impl<E: Renderer> Groups<'_, E> {
     /// Measures an operation on the scene without its preparation `prepare`.
     ///
     /// # Errors
@@ -67,10 +64,7 @@ where
     }
 }
 
-impl<E: Renderer> Meter<E> for Groups<'_, E>
-where
-    E::Error: Debug,
-{
+impl<E: Renderer> Meter<E> for Groups<'_, E> {
     fn measure<I, O>(
         &mut self,
         exec: &mut E,

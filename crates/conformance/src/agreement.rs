@@ -1,7 +1,7 @@
 //! Agreement of two renderers.
 
 use crate::{
-    compare::{SAME_FRAME, closeness},
+    compare::{closeness, same_planes},
     report::{Subject, require, said},
     variants::every_variant,
     view::View,
@@ -36,8 +36,9 @@ pub fn check_agreement<A: Renderer, B: Renderer>(a: &Subject<'_, A>, b: &Subject
         let (one, other) = pictures.map_err(|fault| format!("{what}: {}", said(fault)))?;
         let found = closeness(&one, &other, view.pixels());
         println!("{what}: {found:.1} dB");
-        if !(found >= SAME_FRAME) {
-            faults.push(format!("{what}: {found:.1} dB apart, needed are {SAME_FRAME}"));
+        let least = same_planes(view.pixels());
+        if !(found >= least) {
+            faults.push(format!("{what}: {found:.1} dB apart, needed are {least:.1}"));
         }
     }
     require(faults.is_empty(), || faults.join("\n"))

@@ -1,7 +1,7 @@
 //! Requirements of pictures.
 
 use crate::{
-    compare::{NEAR_TRIANGLES, SAME_FRAME, assert_finite, closeness},
+    compare::{NEAR_TRIANGLES, assert_finite, closeness, same_planes},
     near_fields::{polished, random_near_field},
     report::{Report, Subject, require, requirements, said},
     strategies::{self, as_many_as_wanted},
@@ -20,11 +20,11 @@ use specula_core::{
     lamps::Lamp,
     prefilter::PrefilterScheme,
     rules::{Channels, LightLayer, RenderRules, channel},
-    scene::{LOG_SCALE, Layout, MEAN, OPACITY, RadianceActivation},
+    scene::{LOG_SCALE, Layout, MEAN, OPACITY, ROUGHNESS, RadianceActivation},
     shade::ShadingRules,
 };
 use specula_oracle::{
-    scenes::{camera, random_environment},
+    scenes::{camera, random_cloud, random_environment},
     stress::Case,
 };
 
@@ -66,7 +66,7 @@ const fn rules(shading: ShadingRules, channels: Channels) -> RenderRules {
 
 /// Compares a picture with the reference.
 fn near_reference<E: Renderer>(exec: &mut E, storage: Storage, view: &View, what: &str) -> Result<(), String> {
-    close(&view.picture(exec)?, &view.exact(storage), view, what, SAME_FRAME)
+    close(&view.picture(exec)?, &view.exact(storage), view, what, same_planes(view.pixels()))
 }
 
 fn close(actual: &[f64], expected: &[f64], view: &View, what: &str, least: f64) -> Result<(), String> {
@@ -182,13 +182,22 @@ pub fn plain_gaussians_have_the_pictures_of_the_reference<E: Renderer>(subject: 
     variants_near_reference(subject, |layout, _| !layout.is_shaded())
 }
 
+/// Shaded Gaussians of every roughness, from mirrors to chalk, for lookups in all levels.
+fn every_roughness(shading: ShadingRules) -> View {
+    let mut view = View::new(60, Layout::shaded(None), rules(shading, Channels::Color), 9);
+    (0..60).for_each(|k| view.gaussians.set(k, ROUGHNESS, [k as f32 / 5.0 - 6.0]));
+    view
+}
+
 /// Renders Gaussians that look light up.
 ///
 /// # Errors
 ///
 /// The fault.
 pub fn light_of_gaussians_is_filtered_and_looked_up<E: Renderer>(subject: &Subject<'_, E>) -> Result<(), String> {
-    variants_near_reference(subject, |layout, rules| layout.is_shaded() && rules.shading == ShadingRules::PAPER)
+    variants_near_reference(subject, |layout, rules| layout.is_shaded() && rules.shading == ShadingRules::PAPER)?;
+    let view = every_roughness(ShadingRules::PAPER);
+    near_reference(&mut subject.executor(), subject.storage(), &view, "every roughness")
 }
 
 /// Renders pixels that look light up, of plain surfaces and of physical materials, with every layer
@@ -200,6 +209,8 @@ pub fn light_of_gaussians_is_filtered_and_looked_up<E: Renderer>(subject: &Subje
 pub fn light_of_pixels_is_filtered_and_looked_up<E: Renderer>(subject: &Subject<'_, E>) -> Result<(), String> {
     let mut exec = subject.executor();
     variants_near_reference(subject, |layout, rules| rules.is_deferred(layout) && rules.is_lit)?;
+    let view = every_roughness(ShadingRules::DEFERRED);
+    near_reference(&mut exec, subject.storage(), &view, "every roughness")?;
     for (seed, light_layer) in (1..).zip(LightLayer::OTHERS) {
         let rules = RenderRules { light_layer, ..rules(ShadingRules::PHYSICAL, Channels::Layers) };
         let view = View::new(60, Layout::shaded(None).physical(), rules, seed);
@@ -295,7 +306,10 @@ pub fn extreme_scenes_have_finite_pictures_near_the_reference<E: Renderer>(
             }
             // Halves of extreme numbers are other scenes.
             if !case.is_on_edge && subject.storage() == Storage::F32 {
-                faults.extend(close(&picture, &view.reference::<f32>(Storage::F32), &view, &what, SAME_FRAME).err());
+                faults.extend(
+                    close(&picture, &view.reference::<f32>(Storage::F32), &view, &what, same_planes(view.pixels()))
+                        .err(),
+                );
             }
         }
     }
@@ -311,12 +325,12 @@ pub fn nonfinite_gaussians_are_left_out_to_the_last_bit<E: Renderer>(subject: &S
     let mut faults = Vec::new();
     let mut exec = subject.executor();
     let light = random_environment(RESOLUTION, RadianceActivation::Exponential, 3);
+    let case = Case::new("poison", camera(48, 32), random_cloud(0, LAYOUT, 0)).lit(light);
+    let light = view_of(&case, ShadingRules::PAPER).light(&mut exec).map_err(said)?;
     for (k, (plane, number)) in crate::stress::poison().enumerate() {
         let shading = [ShadingRules::PAPER, ShadingRules::DEFERRED][k % 2];
-        let [with, without] = poisoned(plane, number).map(|cloud| {
-            let case = Case { environment: Some(light.clone()), ..Case::new("poison", camera(48, 32), cloud) };
-            view_of(&case, shading).picture(&mut exec)
-        });
+        let [with, without] = poisoned(plane, number)
+            .map(|cloud| view_of(&Case { cloud, ..case.clone() }, shading).picture_under(&mut exec, light.as_ref()));
         let (with, without) = (with?, without?);
         if let Err(fault) = assert_finite(&with) {
             faults.push(format!("plane {plane} is {number}: {fault}"));
@@ -475,7 +489,13 @@ pub fn lights_of_networks_are_evaluated_or_refused_by_name<E: Renderer>(
         view
     });
     computed_or_refused(subject, "lights of networks", &views, |exec, view| {
-        close(&view.picture(exec)?, &view.exact(subject.storage()), view, "light of a network", SAME_FRAME)
+        close(
+            &view.picture(exec)?,
+            &view.exact(subject.storage()),
+            view,
+            "light of a network",
+            same_planes(view.pixels()),
+        )
     })
 }
 

@@ -110,9 +110,13 @@ impl View {
     ///
     /// The error of the executor.
     pub fn frame<E: Renderer>(&self, exec: &mut E) -> Result<E::Frame, E::Error> {
-        let gaussians = exec.upload_gaussians(&self.gaussians)?;
         let light = self.light(exec)?;
-        specula_core::pipeline::render(exec, &gaussians, light.as_ref(), &self.camera, &self.rules)
+        self.frame_under(exec, light.as_ref())
+    }
+
+    fn frame_under<E: Renderer>(&self, exec: &mut E, light: Option<&E::Light>) -> Result<E::Frame, E::Error> {
+        let gaussians = exec.upload_gaussians(&self.gaussians)?;
+        specula_core::pipeline::render(exec, &gaussians, light, &self.camera, &self.rules)
     }
 
     /// Picture of an executor: channels and transmittance, plane by plane.
@@ -121,7 +125,17 @@ impl View {
     ///
     /// The message of the executor's error.
     pub fn picture<E: Renderer>(&self, exec: &mut E) -> Result<Vec<f64>, String> {
-        let frame = self.frame(exec).map_err(said)?;
+        let light = self.light(exec).map_err(said)?;
+        self.picture_under(exec, light.as_ref())
+    }
+
+    /// [`View::picture`] under a light that was filtered before.
+    ///
+    /// # Errors
+    ///
+    /// The message of the executor's error.
+    pub fn picture_under<E: Renderer>(&self, exec: &mut E, light: Option<&E::Light>) -> Result<Vec<f64>, String> {
+        let frame = self.frame_under(exec, light).map_err(said)?;
         self.read(exec, &frame)
     }
 

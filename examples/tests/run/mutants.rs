@@ -36,6 +36,8 @@ enum Fault {
     WrongTies,
     /// Texels of the light are half a texel further.
     HalfTexelShift,
+    /// Pixels look up a light that is too blurred.
+    WrongLevel,
     /// Physical materials without a light show their base colour.
     UnlitBase,
     /// Every other picture differs in its last bit, as by a race.
@@ -98,6 +100,12 @@ impl Renderer for Mutant {
             for k in 1..light.texels.len() {
                 light.texels[k - 1] = (light.texels[k - 1] + light.texels[k]) * 0.5;
             }
+        }
+        if self.has(Fault::WrongLevel) {
+            let first = light.operator.maps()[1].first;
+            let level = light.texels[first..light.operator.maps()[1].end()].to_vec();
+            let mean = level.iter().fold(level[0] * 0.0, |sum, texel| sum + *texel) * (1.0 / level.len() as f32);
+            light.texels[first..first + level.len()].fill(mean);
         }
         Ok(light)
     }
@@ -266,6 +274,11 @@ fn reversed_ties_are_found() {
 #[test]
 fn a_shift_by_half_a_texel_is_found() {
     assert_misses(Fault::HalfTexelShift, LIGHT_OF_GAUSSIANS, PLAIN);
+}
+
+#[test]
+fn a_level_that_is_too_blurred_is_found() {
+    assert_misses(Fault::WrongLevel, LIGHT_OF_PIXELS, PLAIN);
 }
 
 #[test]

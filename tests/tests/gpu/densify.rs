@@ -106,10 +106,7 @@ impl HostScene {
         self
     }
 
-    fn upload<E: Renderer>(&self, exec: &mut E) -> Scene<E::Array>
-    where
-        E::Error: core::fmt::Debug,
-    {
+    fn upload<E: Renderer>(&self, exec: &mut E) -> Scene<E::Array> {
         let mut put = |values: &[f32]| exec.upload(values).expect("numbers fit");
         let statistics =
             Statistics { grad_sum: put(&self.statistics.grad_sum), view_count: put(&self.statistics.view_count) };
@@ -151,18 +148,17 @@ fn parent_of(cloud: &Gaussians<Vec<f32>>, child: usize) -> usize {
 }
 
 impl<A> Scene<A> {
-    fn densify<E: Executor<Array = A>>(&mut self, exec: &mut E, rules: &DensifyRules, count_max: usize) -> DensifyReport
-    where
-        E::Error: core::fmt::Debug,
-    {
+    fn densify<E: Executor<Array = A>>(
+        &mut self,
+        exec: &mut E,
+        rules: &DensifyRules,
+        count_max: usize,
+    ) -> DensifyReport {
         let Self { gaussians, moments, statistics } = self;
         exec.densify(gaussians, moments, statistics, rules, count_max, KEY).expect("the executor densifies")
     }
 
-    fn download<E: Renderer<Array = A>>(&self, exec: &mut E) -> HostScene
-    where
-        E::Error: core::fmt::Debug,
-    {
+    fn download<E: Renderer<Array = A>>(&self, exec: &mut E) -> HostScene {
         let Gaussians { count, layout, ref values } = self.gaussians;
         let len = specula_core::scene::len_of_values(count, layout);
         let mut get = |array: &A, len: usize| {

@@ -247,19 +247,13 @@ fn to_f64(values: &[f32]) -> Vec<f64> {
     values.iter().map(|x| f64::from(*x)).collect()
 }
 
-fn upload<E: Renderer>(exec: &mut E, environment: &Environment<Vec<f32>>) -> Environment<E::Array>
-where
-    E::Error: core::fmt::Debug,
-{
+fn upload<E: Renderer>(exec: &mut E, environment: &Environment<Vec<f32>>) -> Environment<E::Array> {
     let Environment { resolution, activation, values } = environment;
     let values = exec.upload(values).expect("texels fit");
     Environment { resolution: *resolution, activation: *activation, values }
 }
 
-fn light_of<E: Renderer>(exec: &mut E, environment: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> E::Light
-where
-    E::Error: core::fmt::Debug,
-{
+fn light_of<E: Renderer>(exec: &mut E, environment: &Environment<Vec<f32>>, scheme: PrefilterScheme) -> E::Light {
     let environment = upload(exec, environment);
     exec.prefilter(&environment, scheme, LevelRange::ALL).expect("the resolution is allowed")
 }
@@ -442,10 +436,7 @@ impl Scene {
         (0..(self.channels().count() + 1) * size).map(number).collect()
     }
 
-    fn gradient<E: Read>(&self, exec: &mut E, grad: &[f32]) -> Gradient
-    where
-        E::Error: core::fmt::Debug,
-    {
+    fn gradient<E: Read>(&self, exec: &mut E, grad: &[f32]) -> Gradient {
         let Gaussians { count, layout, values } = &self.cloud;
         let cloud = Gaussians { count: *count, layout: *layout, values: exec.upload(values).expect("numbers fit") };
         let environment = upload(exec, &self.environment);
@@ -702,7 +693,7 @@ fn assert_same_network(actual: &[f64], expected: &[f64]) {
 }
 
 /// Gradient of the weights of a network from that of its levels.
-fn network_there_and_back<E: Executor<Error: core::fmt::Debug>>(
+fn network_there_and_back<E: Executor>(
     exec: &mut E,
     light: &E::Light,
     environment: &Environment<Vec<f32>>,

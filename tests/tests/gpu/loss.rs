@@ -218,17 +218,11 @@ impl Scene {
     fn pixel_count(&self) -> usize {
         self.size()[0] * self.size()[1]
     }
-    fn frame<E: Renderer>(&self, exec: &mut E) -> E::Frame
-    where
-        E::Error: core::fmt::Debug,
-    {
+    fn frame<E: Renderer>(&self, exec: &mut E) -> E::Frame {
         self.frame_under(exec, self.cloud.layout.is_shaded())
     }
     /// The picture, with or without its light.
-    fn frame_under<E: Renderer>(&self, exec: &mut E, is_lit: bool) -> E::Frame
-    where
-        E::Error: core::fmt::Debug,
-    {
+    fn frame_under<E: Renderer>(&self, exec: &mut E, is_lit: bool) -> E::Frame {
         let Gaussians { count, layout, values } = &self.cloud;
         let cloud = Gaussians { count: *count, layout: *layout, values: exec.upload(values).expect("numbers fit") };
         let Environment { resolution, activation, values } = &self.environment;
@@ -239,10 +233,7 @@ impl Scene {
         });
         render(exec, &cloud, light.as_ref(), &self.camera, &self.rules).expect("the executor renders")
     }
-    fn compare<E: Executor>(&self, exec: &mut E, frame: &E::Frame) -> (LossReport, E::FrameGrad)
-    where
-        E::Error: core::fmt::Debug,
-    {
+    fn compare<E: Executor>(&self, exec: &mut E, frame: &E::Frame) -> (LossReport, E::FrameGrad) {
         let [width, height] = self.size();
         let target = exec.target(width, height, &self.rgba).expect("the bytes fit");
         let grad = exec.loss(frame, &target, &self.camera, &self.weights, self.background).expect("sizes agree");
@@ -649,7 +640,7 @@ struct Exposed {
 }
 
 impl Scene {
-    fn expose<E: Executor<Error: core::fmt::Debug>>(
+    fn expose<E: Executor>(
         &self,
         exec: &mut E,
         read_grad: impl Fn(&mut E, &E::Frame, &E::FrameGrad, &mut [f32]),
@@ -724,7 +715,7 @@ fn photographs_are_exposed_as_core_says_and_so_are_their_gradients() {
 /// Normals are smoothed by the gloss of the scene before exposure, not of the photograph.
 #[test]
 fn an_exposure_changes_nothing_of_smooth_normals() {
-    fn assert_same_smoothness<E: Executor<Error: core::fmt::Debug>>(exec: &mut E, what: &str, scene: &Scene) -> f64 {
+    fn assert_same_smoothness<E: Executor>(exec: &mut E, what: &str, scene: &Scene) -> f64 {
         let frame = scene.frame(exec);
         let (report, _) = scene.compare(exec, &frame);
         let exposed = exec.expose(frame, &EXPOSURE).expect("the executor exposes");

@@ -2,6 +2,7 @@
 //! linked once.
 
 mod back;
+mod conformance;
 mod densify;
 mod gone;
 mod lamps;

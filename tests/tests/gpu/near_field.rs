@@ -84,7 +84,7 @@ impl Scene {
         }
     }
 
-    fn picture<E: Renderer<Error: core::fmt::Debug>>(&self, exec: &mut E, rules: &RenderRules) -> Vec<f64> {
+    fn picture<E: Renderer>(&self, exec: &mut E, rules: &RenderRules) -> Vec<f64> {
         let gaussians = exec.upload_gaussians(&self.gaussians).expect("they fit");
         let environment = self.light.with_values(exec.upload(&self.light.values).expect("they fit"));
         let light = exec.prefilter(&environment, rules.scheme, LevelRange::ALL).expect("16 is a power of two");

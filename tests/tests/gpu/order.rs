@@ -43,10 +43,7 @@ fn viewer() -> Option<GpuExecutor<Storage>> {
     executor().map(|exec| GpuExecutor::viewer(exec.gpu().clone(), Storage::F32))
 }
 
-fn picture<E: Renderer>(exec: &mut E, cloud: &Gaussians<Vec<f32>>, camera: &Camera, channels: Channels) -> Vec<f64>
-where
-    E::Error: core::fmt::Debug,
-{
+fn picture<E: Renderer>(exec: &mut E, cloud: &Gaussians<Vec<f32>>, camera: &Camera, channels: Channels) -> Vec<f64> {
     let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, channels);
     let uploaded = exec.upload_gaussians(cloud).expect("numbers fit");
     let frame = render(exec, &uploaded, None, camera, &rules).expect("the executor renders");

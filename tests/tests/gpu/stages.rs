@@ -9,7 +9,7 @@ use specula_core::{
     pipeline::render,
     prefilter::{LevelRange, Levels, PrefilterScheme},
     rules::{Channels, RenderRules, channel},
-    scene::{BLOCK, Environment, Gaussians, LOG_SCALE, Layout, MEAN, OPACITY, RadianceActivation},
+    scene::{BLOCK, LOG_SCALE, Layout, MEAN, OPACITY, RadianceActivation},
     shade::ShadingRules,
 };
 use specula_cpu::CpuExecutor;
@@ -26,21 +26,18 @@ use specula_gpu::{
     },
 };
 use specula_tests::{
-    compare::{assert_all_close, assert_psnr, psnr},
+    compare::{SAME_FRAME, assert_all_close, assert_psnr, psnr},
+    conformance::{variants::every_variant, view::View},
     device::{executor, executor_in_chunks_of},
     formulas::{
         ROWS, assert_every_formula_has_a_case, assert_same, camera, gaussian_rows, light_frame_rows, numbers_of,
         side_by_side, uniform_rows,
     },
-    strategies::{random_cloud, random_environment, under_turned_light},
+    strategies::{random_cloud, random_environment},
 };
 
-/// Both executors round a few hundred operations, each in its own order; a pixel on the other side
-/// of the cut at 1/255 brings a small picture down to 85 dB.
-const SAME_FRAME: f64 = 80.0;
 /// A few units in the last place of white.
 const SAME_PIXEL: f64 = 2e-6;
-const RESOLUTION: usize = 16;
 
 fn shading(rules: ShadingRules, channels: Channels) -> GaussianShading {
     GaussianShading {
@@ -119,134 +116,17 @@ fn no_formula_is_left_out() {
     assert_every_formula_has_a_case(&formulas, include_str!("stages.rs"), 14);
 }
 
-/// A scene for both executors.
-struct Scene {
-    cloud: Gaussians<Vec<f32>>,
-    environment: Environment<Vec<f32>>,
-    camera: Camera,
-    rules: RenderRules,
-}
-
-impl Scene {
-    fn new(count: usize, layout: Layout, rules: RenderRules, seed: u64) -> Self {
-        let (activation, resolution) = match rules.scheme {
-            PrefilterScheme::Exact => (RadianceActivation::Exponential, RESOLUTION),
-            PrefilterScheme::Official => (RadianceActivation::Identity, 64),
-        };
-        Self {
-            cloud: random_cloud(count, layout, seed),
-            environment: random_environment(resolution, activation, seed),
-            camera: camera(70, 45),
-            rules,
-        }
-    }
-
-    fn picture<E: Renderer>(&self, exec: &mut E) -> Vec<f64>
-    where
-        E::Error: core::fmt::Debug,
-    {
-        let cloud = self.cloud.with_values(exec.upload(&self.cloud.values).expect("numbers fit"));
-        let light = self.light(exec);
-        self.picture_of(exec, &cloud, light.as_ref())
-    }
-
-    /// The light, filtered, if the Gaussians look any up.
-    fn light<E: Renderer>(&self, exec: &mut E) -> Option<E::Light>
-    where
-        E::Error: core::fmt::Debug,
-    {
-        let environment = self.environment.with_values(exec.upload(&self.environment.values).expect("texels fit"));
-        self.cloud.layout.is_shaded().then(|| {
-            exec.prefilter(&environment, self.rules.scheme, LevelRange::ALL).expect("the resolution is allowed")
-        })
-    }
-
-    fn picture_of<E: Renderer>(&self, exec: &mut E, cloud: &Gaussians<E::Array>, light: Option<&E::Light>) -> Vec<f64>
-    where
-        E::Error: core::fmt::Debug,
-    {
-        let frame = render(exec, cloud, light, &self.camera, &self.rules).expect("the executor renders");
-        let channels = self.rules.blended(cloud.layout).count() + 1;
-        let mut values = vec![0.0; channels * (self.camera.width * self.camera.height) as usize];
-        exec.read_frame(&frame, &mut values).expect("the frame has that size");
-        values.iter().map(|x| f64::from(*x)).collect()
-    }
-}
-
-/// Every form of shading with a seed. Those of one prefilter follow one another: executors keep the
-/// weights of one.
-fn every_variant(is_wanted: impl Fn(Channels) -> bool) -> Vec<(u64, (Layout, RenderRules))> {
-    let mut variants = Vec::new();
-    for channels in [Channels::Color, Channels::Training, Channels::Layers] {
-        for (shading, scheme) in [
-            (ShadingRules::PAPER, PrefilterScheme::Exact),
-            (ShadingRules::DEFERRED, PrefilterScheme::Exact),
-            (ShadingRules::OFFICIAL, PrefilterScheme::Official),
-        ] {
-            let rules = RenderRules::full(shading, scheme, channels);
-            variants.push((Layout::shaded(Some(2)), rules));
-            variants.push((Layout::shaded(None), RenderRules { normal_residuals: false, ..rules }));
-        }
-        let rules = RenderRules::full(ShadingRules::PHYSICAL, PrefilterScheme::Exact, channels);
-        variants.push((Layout::shaded(Some(1)).physical(), rules));
-        variants.push((Layout::shaded(None).physical().antialiased(), RenderRules { is_lit: false, ..rules }));
-        if channels != Channels::Layers {
-            let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, channels);
-            variants.push((Layout::radiance(3), rules));
-            variants.push((Layout::radiance(1).antialiased(), rules));
-            variants.push((Layout { low_pass: LowPass::Compensated, ..Layout::radiance(1) }, rules));
-        }
-    }
-    let rules = RenderRules::full(ShadingRules::DEFERRED, PrefilterScheme::Exact, Channels::Training);
-    variants.push((Layout::shaded(Some(1)).antialiased(), rules));
-    let wanted = variants.into_iter().filter(|(_, rules)| is_wanted(rules.channels));
-    let mut variants: Vec<(u64, (Layout, RenderRules))> = (0..).zip(wanted).collect();
-    variants.sort_by_key(|(_, (_, rules))| rules.scheme == PrefilterScheme::Official);
-    variants
-}
-
-#[test]
-fn both_executors_render_the_same_pictures() {
-    let Some(mut gpu) = executor() else { return };
-    let mut cpu = CpuExecutor::new();
-    for (seed, (layout, rules)) in every_variant(|_| true) {
-        let scene = Scene::new(80, layout, rules, seed);
-        let (ours, theirs) = (scene.picture(&mut gpu), scene.picture(&mut cpu));
-        println!("{:?} {:?}: {:.1} dB", rules.shading.form, rules.channels, psnr(&ours, &theirs));
-        assert_psnr(&ours, &theirs, SAME_FRAME);
-        if rules.channels == Channels::Training && rules.is_lit && layout.is_shaded() {
-            let turned = Scene { camera: under_turned_light(scene.camera), ..scene };
-            let (ours, still) = (turned.picture(&mut gpu), theirs);
-            assert_psnr(&ours, &turned.picture(&mut cpu), SAME_FRAME);
-            assert!(psnr(&ours, &still) < SAME_FRAME, "the light is turned");
-        }
-    }
-}
-
-#[test]
-fn a_device_renders_the_same_bits_twice_and_whatever_it_rendered_before() {
-    let Some(mut gpu) = executor() else { return };
-    let rules = RenderRules::full(ShadingRules::DEFERRED, PrefilterScheme::Exact, Channels::Training);
-    let scene = Scene::new(5000, Layout::shaded(Some(1)), rules, 11);
-    let first = scene.picture(&mut gpu);
-    Scene::new(37, Layout::shaded(Some(1)), rules, 12).picture(&mut gpu);
-    assert!(scene.picture(&mut gpu) == first, "memory that was used before changes nothing");
-    let another = executor().expect("there was one before");
-    let mut another = another;
-    assert!(scene.picture(&mut another) == first, "a new executor computes the same");
-}
-
 #[test]
 fn many_splats_and_no_splats_are_sorted_into_tiles() {
     let Some(mut gpu) = executor() else { return };
     let mut cpu = CpuExecutor::new();
     let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Color);
     for count in [0, 1, 15, 2047, 2049, 20_000] {
-        let scene = Scene::new(count, Layout::radiance(0), rules, 5);
-        let theirs = scene.picture(&mut cpu);
+        let view = View::new(count, Layout::radiance(0), rules, 5);
+        let theirs = view.picture(&mut cpu).expect("the CPU renders");
         for kernels in KernelSet::ALL {
             gpu.set_kernels(kernels);
-            assert_psnr(&scene.picture(&mut gpu), &theirs, SAME_FRAME);
+            assert_psnr(&view.picture(&mut gpu).expect("the device renders"), &theirs, SAME_FRAME);
         }
     }
 }
@@ -258,10 +138,10 @@ fn pictures_do_not_depend_on_the_variants_of_the_kernels() {
         [(Channels::Color, 0), (Channels::Color, 20_000), (Channels::Training, 5000), (Channels::Layers, 3000)]
     {
         let rules = RenderRules::full(ShadingRules::DEFERRED, PrefilterScheme::Exact, channels);
-        let scene = Scene::new(count, Layout::shaded(None), rules, 13);
+        let view = View::new(count, Layout::shaded(None), rules, 13);
         let [one, other] = KernelSet::ALL.map(|kernels| {
             gpu.set_kernels(kernels);
-            scene.picture(&mut gpu)
+            view.picture(&mut gpu).expect("the device renders")
         });
         // Compilers may join a product and a sum in one kernel and not in another, which on
         // hardware can move a splat over the cut.
@@ -278,32 +158,26 @@ fn viewer(storage: Storage) -> Option<GpuExecutor<Storage>> {
     executor().map(|exec| GpuExecutor::viewer(exec.gpu().clone(), storage))
 }
 
-impl Scene {
-    /// The picture of a viewer, which stores the Gaussians.
-    fn viewed(&self, viewer: &mut GpuExecutor<Storage>) -> Vec<f64> {
-        let cloud = viewer.upload_gaussians(&self.cloud).expect("numbers fit");
-        let light = self.light(viewer);
-        self.picture_of(viewer, &cloud, light.as_ref())
-    }
-
-    /// The CPU's picture of numbers that are rounded as they are stored.
-    fn rounded(&self, cpu: &mut CpuExecutor, storage: Storage) -> Vec<f64> {
-        let mut cloud = self.cloud.clone();
-        storage.round(&mut cloud);
-        let mut light = self.light(cpu);
-        light.iter_mut().for_each(|light| light.round(storage));
-        self.picture_of(cpu, &cloud, light.as_ref())
-    }
+/// The CPU's picture of numbers that are rounded as they are stored.
+fn rounded(view: &View, cpu: &mut CpuExecutor, storage: Storage) -> Vec<f64> {
+    let mut gaussians = view.gaussians.clone();
+    storage.round(&mut gaussians);
+    let mut light = view.light(cpu).expect("the CPU filters");
+    light.iter_mut().for_each(|light| light.round(storage));
+    let frame = render(cpu, &gaussians, light.as_ref(), &view.camera, &view.rules).expect("the CPU renders");
+    view.read(cpu, &frame).expect("the frame has that size")
 }
 
 #[test]
 fn a_viewer_of_halves_shows_the_picture_of_rounded_attributes_on_the_cpu() {
     let Some(mut viewer) = viewer(Storage::F16) else { return };
     let mut cpu = CpuExecutor::new();
-    for (seed, (layout, rules)) in every_variant(|channels| channels == Channels::Training) {
-        let scene = Scene::new(80, layout, rules, seed);
-        let (ours, theirs) = (scene.viewed(&mut viewer), scene.rounded(&mut cpu, Storage::F16));
-        let in_full = psnr(&scene.rounded(&mut cpu, Storage::F32), &theirs);
+    let variants = every_variant().into_iter().filter(|(_, rules)| rules.channels == Channels::Training);
+    for (seed, (layout, rules)) in (0..).zip(variants) {
+        let view = View::new(80, layout, rules, seed);
+        let ours = view.picture(&mut viewer).expect("the viewer renders");
+        let theirs = rounded(&view, &mut cpu, Storage::F16);
+        let in_full = psnr(&rounded(&view, &mut cpu, Storage::F32), &theirs);
         println!("{:?}: {:.1} dB; {in_full:.1} dB from full", rules.shading.form, psnr(&ours, &theirs));
         assert_psnr(&ours, &theirs, SAME_FRAME);
         assert!(psnr(&ours, &theirs) > in_full, "rounding counts for more than what the executors differ by");
@@ -342,8 +216,8 @@ fn a_viewer_of_numbers_in_full_is_the_executor() {
     let (Some(mut viewer), Some(mut exec)) = (viewer(Storage::F32), executor()) else { return };
     for rules in [ShadingRules::PAPER, ShadingRules::DEFERRED] {
         let rules = RenderRules::full(rules, PrefilterScheme::Exact, Channels::Training);
-        let scene = Scene::new(80, Layout::shaded(Some(1)), rules, 3);
-        assert!(scene.viewed(&mut viewer) == scene.picture(&mut exec), "the same kernels give the same bits");
+        let view = View::new(80, Layout::shaded(Some(1)), rules, 3);
+        assert!(view.picture(&mut viewer) == view.picture(&mut exec), "the same kernels give the same bits");
     }
 }
 
@@ -358,13 +232,13 @@ fn a_viewer_shows_the_same_in_pieces() {
             (Layout::shaded(None), ShadingRules::DEFERRED),
         ] {
             let rules = RenderRules::full(shading, PrefilterScheme::Exact, Channels::Training);
-            let scene = Scene::new(75, layout, rules, 8);
-            let stored = divided.upload_gaussians(&scene.cloud).expect("numbers fit");
+            let view = View::new(75, layout, rules, 8);
+            let stored = divided.upload_gaussians(&view.gaussians).expect("numbers fit");
             assert_eq!(stored.values.chunk_count(), 5, "a block in each");
-            assert!(scene.viewed(&mut divided) == scene.viewed(&mut whole), "{storage:?} {layout:?}");
-            let mut back = [vec![0.0; scene.cloud.values.len()], scene.cloud.values.clone()];
+            assert!(view.picture(&mut divided) == view.picture(&mut whole), "{storage:?} {layout:?}");
+            let mut back = [vec![0.0; view.gaussians.values.len()], view.gaussians.values.clone()];
             divided.download(&stored.values, &mut back[0]).expect("there are as many");
-            storage.round(&mut scene.cloud.with_values(&mut *back[1]));
+            storage.round(&mut view.gaussians.with_values(&mut *back[1]));
             assert!(back[0] == back[1], "{storage:?} {layout:?} comes back");
         }
     }
@@ -421,14 +295,15 @@ fn kernels_read_halves_at_the_edges() {
     const SAME_COLOR: f64 = 1e-6;
     let Some(mut viewer) = viewer(Storage::F16) else { return };
     let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Layers);
-    let mut scene = Scene::new(1, Layout::shaded(Some(0)), rules, 6);
-    scene.cloud.set(0, MEAN, [0.0; 3]);
-    scene.cloud.set(0, LOG_SCALE, [-0.5; 3]);
-    scene.cloud.set(0, OPACITY, [9.0]);
+    let mut view = View::new(1, Layout::shaded(Some(0)), rules, 6);
+    view.gaussians.set(0, MEAN, [0.0; 3]);
+    view.gaussians.set(0, LOG_SCALE, [-0.5; 3]);
+    view.gaussians.set(0, OPACITY, [9.0]);
     for colors in [[65_504.0, 1e9, -7e4], [6.1e-5, 5.960_464_5e-8, 8.940_697e-8], [1.0 + 3.0 / 2048.0, -1e-6, 0.1]] {
-        scene.cloud.set(0, scene.cloud.layout.sh_start(), colors);
-        let (ours, theirs) = (scene.viewed(&mut viewer), scene.rounded(&mut CpuExecutor::new(), Storage::F16));
-        let size = (scene.camera.width * scene.camera.height) as usize;
+        view.gaussians.set(0, view.gaussians.layout.sh_start(), colors);
+        let ours = view.picture(&mut viewer).expect("the viewer renders");
+        let theirs = rounded(&view, &mut CpuExecutor::new(), Storage::F16);
+        let size = view.pixels();
         for plane in channel::RESIDUAL..channel::RESIDUAL + 3 {
             let [ours, theirs] = [&ours, &theirs].map(|picture| &picture[plane * size..(plane + 1) * size]);
             assert!(theirs.iter().any(|x| *x != 0.0), "the Gaussian is seen");
@@ -440,7 +315,7 @@ fn kernels_read_halves_at_the_edges() {
 #[test]
 fn a_light_is_rounded_on_a_device_as_on_the_processor() {
     let Some(mut viewer) = viewer(Storage::F16) else { return };
-    let mut environment = random_environment(RESOLUTION, RadianceActivation::Identity, 8);
+    let mut environment = random_environment(16, RadianceActivation::Identity, 8);
     for (index, radiance) in environment.values.iter_mut().enumerate() {
         *radiance *= 10.0_f32.powi(index as i32 % 19 - 9);
     }

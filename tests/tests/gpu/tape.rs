@@ -1,7 +1,7 @@
 //! Gradients of pictures under any cotangent on the device, against the CPU executor.
 
 use specula_core::{
-    executor::{OnScreen, ReadBack, Renderer, Unsupported},
+    executor::{OnScreen, ReadBack, Renderer},
     pipeline::{Gradients, Tape, render_and_camera_vjp, render_colors_taped, render_taped, render_vjp},
     prefilter::PrefilterScheme,
     random,
@@ -46,7 +46,7 @@ fn rules(shading: ShadingRules) -> RenderRules {
 }
 
 /// Colours of the caller for plain Gaussians, a light for shaded ones.
-fn results<E: ReadBack<Error: From<Unsupported> + core::fmt::Debug>>(exec: &mut E, layout: Layout) -> Results {
+fn results<E: ReadBack>(exec: &mut E, layout: Layout) -> Results {
     let cloud = random_cloud(COUNT, layout, 3);
     let gaussians = exec.upload_gaussians(&cloud).expect("it fits");
     let light = random_environment(16, RadianceActivation::Exponential, 3);

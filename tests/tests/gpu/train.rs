@@ -114,12 +114,12 @@ fn points(variant: u64) -> Vec<Point> {
 }
 
 /// Training of a number of steps.
-fn train<E: Executor<Error: core::fmt::Debug>>(exec: E, settings: Settings, steps: u32) -> (HostScene, usize) {
+fn train<E: Executor>(exec: E, settings: Settings, steps: u32) -> (HostScene, usize) {
     train_with(exec, settings, &points(0), steps, |_, _| ())
 }
 
 /// Training of a number of steps; a hook runs on the executor before each of them.
-fn train_with<E: Executor<Error: core::fmt::Debug>>(
+fn train_with<E: Executor>(
     exec: E,
     settings: Settings,
     points: &[Point],
