@@ -108,7 +108,7 @@ mod tests {
             let first = camera(20.0, 10.0, roll);
             let light = FollowingLight::new(LightFollows::Turntable, &first, Vec3::Z).expect("it follows");
             for (azimuth, elevation) in [(20.0, 10.0), (20.0, 70.0), (110.0, 10.0), (199.0, -40.0), (330.0, 85.0)] {
-                let expected = Mat3::from_rotation_z((20.0 - azimuth as f32).to_radians());
+                let expected = Mat3::from_rotation_z((20.0_f32 - azimuth).to_radians());
                 let found = light.light_from_world(&camera(azimuth, elevation, roll));
                 assert!(found.abs_diff_eq(expected, ROUNDING), "{azimuth}, {elevation}, {roll}: {found}");
             }
