@@ -569,7 +569,8 @@ const COMPRESSED: Target = Target {
         let (start, packed) = ("ply\nformat binary_little_endian 1.0\nelement chunk 1", packed.concat());
         let header = format!("{start}\n{ranges}element vertex 6\n{packed}end_header\n");
         let ranges = numbers(14, 12).into_iter().flat_map(f32::to_le_bytes);
-        let bytes: Vec<u8> = header.into_bytes().into_iter().chain(ranges).chain((0..96).map(|k| 37 * k)).collect();
+        let bytes: Vec<u8> =
+            header.into_bytes().into_iter().chain(ranges).chain((0..96_u8).map(|k| k.wrapping_mul(37))).collect();
         fs::write(folder.join("a.ply"), bytes).unwrap();
     },
     read: |folder| gaussian_ply::read(&folder.join("a.ply")).map(|_| ()).map_err(sentence),

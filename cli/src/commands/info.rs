@@ -40,9 +40,7 @@ fn of_dataset(path: &Path) -> Result<Contents, Failure> {
     let data = dataset::load(path, &LoadOptions::default())?;
     let mut contents = Contents::of_dataset(path, &data);
     let findings = capture::findings(path, &data)?;
-    let sentences: Vec<String> = findings.iter().map(capture::sentence).collect();
-    let text = if sentences.is_empty() { "nothing".into() } else { sentences.join("\n                   ") };
-    contents.add("to improve", text, json!(findings));
+    contents.add_each("to improve", findings.iter().map(capture::sentence), "to_improve", json!(findings));
     Ok(contents)
 }
 

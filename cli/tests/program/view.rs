@@ -170,7 +170,9 @@ fn suns_and_lamps_of_the_command_line_start_the_page() {
     fs::write(&file, "env = \"sky.hdr\"\nexposure = -1\nturn = 20\nsun = [\"30,45\"]\n").unwrap();
     let site = Site::of(&model, &["--quiet", "--lights", file.to_str().unwrap(), "--lamp", "0,0,3,2:ff8800"]);
     let scene = site.get("/scene").json();
-    let setup = json!({"light": 1, "turn": 20.0, "stops": -1.0, "suns": "30,45,3,0.53", "lamps": "0,0,3,2,0:ff8800"});
+    let setup = json!({
+        "light": 1, "turn": 20.0, "stops": -1.0, "suns": "30,45,3,0.53", "lamps": "0,0,3,2,0:ff8800", "ground": false
+    });
     assert_eq!((&scene["setup"], &scene["physical"]), (&setup, &json!(true)));
     assert_eq!(scene["lights"][2], json!({"id": 1, "name": "sky", "file": "sky.hdr", "up": "scene"}));
     fs::copy(tiny.path("sky.hdr"), tiny.path("noon.hdr")).unwrap();
@@ -317,11 +319,11 @@ fn what_is_no_scene_is_refused_with_what_to_open() {
     };
     let said = refused(model.parent().unwrap());
     assert!(said.contains(&format!("open {model:?}")), "{said}");
-    for name in ["scene.splat", "scene.spz"] {
-        let export = tiny.path(name);
-        fs::write(&export, [0xff; 64]).unwrap();
-        let said = refused(&export);
-        assert!(said.contains(name) && said.contains("the .ply file that it was made from"), "{said}");
+    for (name, cause) in [("scene.splat", "not finite"), ("scene.spz", "header"), ("scene.ksplat", "the .ply file")] {
+        let damaged = tiny.path(name);
+        fs::write(&damaged, [0xff; 64]).unwrap();
+        let said = refused(&damaged);
+        assert!(said.contains(name) && said.contains(cause), "{said}");
     }
 }
 

@@ -147,6 +147,8 @@ pub(crate) fn read(path: &Path) -> Result<GaussianFile> {
         for (array, width) in arrays.iter_mut().zip(header.widths()) {
             filled(&mut stream, array, header.count * width).map_err(broken)?;
         }
+        // The end of a gzip stream has the checksum of what was read.
+        stream.take(1).read_to_end(&mut Vec::new()).map_err(|cause| broken(cause.to_string()))?;
         arrays
     };
     let Header { count, fraction_bits, .. } = header;
@@ -188,13 +190,13 @@ fn frames(header: &Header, bytes: &[u8]) -> core::result::Result<[Vec<u8>; ARRAY
     };
     let table = bytes.get(TABLE..TABLE + 4).ok_or_else(short)?;
     let table = u32::from_le_bytes([table[0], table[1], table[2], table[3]]) as usize;
-    let mut first = table + ENTRY_LEN * header.arrays;
+    let mut first = table.saturating_add(ENTRY_LEN * header.arrays);
     let mut arrays: [Vec<u8>; ARRAYS] = Default::default();
     for (index, (array, width)) in arrays.iter_mut().zip(header.widths()).enumerate() {
         if width == 0 && index >= header.arrays {
             continue;
         }
-        let len = word(table + ENTRY_LEN * index).ok_or_else(short)?;
+        let len = word(table.saturating_add(ENTRY_LEN * index)).ok_or_else(short)?;
         let last = first.checked_add(len).ok_or_else(short)?;
         let frame = bytes.get(first..last).ok_or_else(short)?;
         let mut frame = StreamingDecoder::new(frame).map_err(|cause| cause.to_string())?;

@@ -102,16 +102,19 @@ impl Contents {
     pub fn add_findings(&mut self, axes: &str, findings: &[Finding]) {
         self.add("axes", axes.to_owned(), axes.into());
         let of_each = findings.iter().map(|Finding { found, effect }| json!({"found": found, "effect": effect}));
-        self.json.insert("findings".into(), of_each.collect());
-        let text = |finding: &Finding| ("unusual", format!("{}: {}", finding.found, finding.effect));
-        self.lines.extend(findings.iter().map(text));
+        let text = |finding: &Finding| format!("{}: {}", finding.found, finding.effect);
+        self.add_each("unusual", findings.iter().map(text), "findings", of_each.collect());
+    }
+
+    /// Adds a line of text for each fact of a kind, and all of them as JSON.
+    pub fn add_each(&mut self, name: &'static str, lines: impl Iterator<Item = String>, key: &str, value: Value) {
+        self.lines.extend(lines.map(|text| (name, text)));
+        self.json.insert(key.into(), value);
     }
 
     /// Text: a title, then a line for each fact.
     pub fn text(&self) -> String {
-        let lines = self.lines.iter().map(|(name, text)| {
-            format!("\n  {name:<16} {}", text.split('\n').map(printable).collect::<Vec<_>>().join("\n"))
-        });
+        let lines = self.lines.iter().map(|(name, text)| format!("\n  {name:<16} {}", printable(text)));
         format!("{}{}", self.title, lines.collect::<String>())
     }
 
