@@ -1,6 +1,7 @@
 //! Captures: bad input without COLMAP, and a small scene with it where it is installed.
 
 use crate::tiny::{Tiny, specula};
+use core::time::Duration;
 use image::{Rgb, RgbImage};
 use serde_json::Value;
 use specula_capture::Tool;
@@ -9,7 +10,7 @@ use std::{
     path::Path,
     process::{Command, Stdio},
     thread,
-    time::{Duration, Instant},
+    time::Instant,
 };
 
 /// Size of the pictures, and focal length in pixels.

@@ -74,7 +74,7 @@ pub fn gradients_under_any_cotangent_are_those_of_the_reference<E: ReadBack>(
         let tape = render_taped(&mut exec, &gaussians, environment.as_ref(), None, &view.camera, &view.rules);
         let tape = tape.map_err(said)?;
         // Normals of plain Gaussians have no gradient.
-        let is_free = |plane: usize| layout.is_shaded() || plane < channel::NORMAL || plane >= channel::DEPTH;
+        let is_free = |plane: usize| layout.is_shaded() || !(channel::NORMAL..channel::DEPTH).contains(&plane);
         let draw =
             |k: usize| if is_free(k / view.pixels()) { 2.0 * random::uniform(seed, 5, k as u64) - 1.0 } else { 0.0 };
         let cotangent: Vec<f32> = (0..view.len()).map(draw).collect();

@@ -143,7 +143,7 @@ fn write_gaussians(out: &mut impl Write, stage: &Stage<'_>) -> io::Result<()> {
     let all = || 0..gaussians.count;
     let layout = gaussians.layout;
     let scales = |gaussian: usize| gaussians.get::<3>(gaussian, LOG_SCALE).map(f32::exp);
-    write!(out, "    def ParticleField3DGaussianSplat \"Gaussians\" (\n")?;
+    writeln!(out, "    def ParticleField3DGaussianSplat \"Gaussians\" (")?;
     write!(out, "        prepend apiSchemas = [\"ColorSpaceAPI\"]\n    )\n    {{\n")?;
     writeln!(out, "        uniform token colorSpace:name = \"{SRGB}\"")?;
     let mut extent = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];

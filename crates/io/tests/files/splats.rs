@@ -41,7 +41,7 @@ fn cloud(layout: Layout, count: usize) -> Gaussians<Vec<f32>> {
 }
 
 fn close(found: &[f32], expected: &[f32], tolerance: f32) {
-    assert_eq!(found.len(), expected.len());
+    assert_eq!(found.len(), expected.len(), "numbers are missing");
     for (found, expected) in found.iter().zip(expected) {
         assert!((found - expected).abs() <= tolerance, "{found} is not {expected}");
     }
@@ -98,10 +98,10 @@ fn header(version: u32, flags: u8, arrays: u8) -> Vec<u8> {
 
 fn assert_holds_the_arrays(model: &Model, quat: [f32; 4]) {
     let gaussians = &model.gaussians;
-    assert_eq!((gaussians.count, gaussians.layout.sh_degree), (2, Some(0)));
-    assert_eq!(gaussians.get::<3>(0, MEAN), [1.0, -1.0, 0.5]);
-    assert_eq!(gaussians.get::<3>(1, MEAN), [0.0, 0.0, -1.0 / 256.0]);
-    assert_eq!(gaussians.get::<3>(0, LOG_SCALE), [0.0, -1.0, -2.0]);
+    assert_eq!((gaussians.count, gaussians.layout.sh_degree), (2, Some(0)), "of the header");
+    assert_eq!(gaussians.get::<3>(0, MEAN), [1.0, -1.0, 0.5], "the first mean");
+    assert_eq!(gaussians.get::<3>(1, MEAN), [0.0, 0.0, -1.0 / 256.0], "the second mean");
+    assert_eq!(gaussians.get::<3>(0, LOG_SCALE), [0.0, -1.0, -2.0], "the first scales");
     close(&[sigmoid(gaussians.get::<1>(1, OPACITY)[0])], &[0.2], ROUNDED);
     close(&gaussians.get::<3>(0, 11), &[(128.0 / 255.0 - 0.5) / 0.15; 3], ROUNDED);
     close(&gaussians.get::<4>(0, QUAT), &quat, 0.01);

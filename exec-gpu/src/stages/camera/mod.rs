@@ -126,7 +126,7 @@ pub(crate) fn take_camera<R: Real>(inputs: &mut Inputs<'_, R>) -> CameraOf<R> {
 
 /// Frame of the light of the shader's variable `camera` as parameters, if the light is turned.
 pub(crate) fn light_frame_fields(is_turned: bool) -> impl Iterator<Item = Field> {
-    let rows = is_turned.then(|| ["camera.light_x", "camera.light_y", "camera.light_z"]);
+    let rows = is_turned.then_some(["camera.light_x", "camera.light_y", "camera.light_z"]);
     rows.into_iter().flatten().map(|row| variable(row, 3))
 }
 
