@@ -19,8 +19,8 @@
 //! * [`attributes`]: stored planes to material, harmonics and channels, over any executor's memory
 //! * [`shade`]: materials and light to colours ([`normal`], [`sh`], [`split_sum`], [`color`]);
 //!   [`shade_pixels`], [`physical`]: the same pixel by pixel; [`near_field`]: surfaces that
-//!   reflected rays hit; [`lamps`]: suns and spheres that cast shadows; [`light_frame`]: lights that
-//!   turn from picture to picture
+//!   reflected rays hit; [`lamps`]: suns and spheres that cast shadows; [`light_frame`]: lights
+//!   that turn from picture to picture
 //! * [`bin`]: tiles that a splat touches; [`order`]: the order of splats in a pixel; [`blend`]: one
 //!   compositing step
 //! * [`expose`]: affine maps of a photograph's colours

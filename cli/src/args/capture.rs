@@ -18,9 +18,10 @@ const LENSES: [&str; 8] = [
 
 /// Make a data set of a video or of photographs: select frames, estimate cameras, diagnose.
 ///
-/// Frames are selected by sharpness, exposure and view change, with ffmpeg. Cameras are estimated by
-/// COLMAP or pycolmap; specula doctor says which is found. DATA receives images, masks, sparse/0 and
-/// capture.json, which records decisions and command lines. After Ctrl-C the same command continues.
+/// Frames are selected by sharpness, exposure and view change, with ffmpeg. Cameras are estimated
+/// by COLMAP or pycolmap; specula doctor says which is found. DATA receives images, masks,
+/// sparse/0 and capture.json, which records decisions and command lines. After Ctrl-C the same
+/// command continues.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:

@@ -205,7 +205,7 @@ fn version_of(help: &str) -> Option<&str> {
     line.split(' ').nth(1).filter(|word| word.starts_with(|letter: char| letter.is_ascii_digit()))
 }
 
-/// What a line of output tells.
+/// News in a line of output.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Event {
     /// Number of pictures with features.

@@ -28,9 +28,9 @@ const SAMPLES: usize = 2000;
 pub struct Finding {
     /// Short name of the kind.
     pub kind: &'static str,
-    /// What was found.
+    /// Cause, in a clause.
     pub cause: String,
-    /// What to do about it.
+    /// Remedy, in a clause.
     pub remedy: &'static str,
 }
 

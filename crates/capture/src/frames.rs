@@ -1,5 +1,5 @@
-//! Selection of frames: the best one of each window, where a window is an equal share of time and of
-//! view change, so that fast and slow parts of a path are sampled alike.
+//! Selection of frames: the best one of each window, where a window is an equal share of time and
+//! of view change, so that fast and slow parts of a path are sampled alike.
 
 use serde::{Deserialize, Serialize};
 

@@ -11,7 +11,7 @@ use std::{
 /// Smallest group with a camera of its own; pictures of smaller groups have a camera each.
 const SHARED_MIN: usize = 3;
 
-/// What pictures of one camera have in common.
+/// Facts that pictures of one camera share.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Key {
     /// Subfolder, which is that of an input.

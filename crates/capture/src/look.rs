@@ -1,4 +1,4 @@
-//! How a picture looks: sharpness and brightness.
+//! Sharpness and brightness of a picture.
 
 use serde::Serialize;
 

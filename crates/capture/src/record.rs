@@ -14,7 +14,7 @@ use std::{
 /// Name of the record.
 pub(crate) const NAME: &str = "capture.json";
 
-/// What a capture depends on.
+/// Inputs and options that a capture depends on.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Request {
     pub(crate) inputs: Vec<PathBuf>,

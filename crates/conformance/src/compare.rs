@@ -67,9 +67,9 @@ pub fn psnr(a: &[f64], b: &[f64]) -> f64 {
     metrics::psnr(a.iter().zip(b).map(squared).sum::<f64>() / a.len() as f64)
 }
 
-/// Closeness in dB of pictures of so many pixels in `f32` and `f64`, plane by plane: two pixels with
-/// a splat on the other side of the cut at 1/255, 80 dB for 3000 pixels. Rounding of a few hundred
-/// operations, 1e-5, is 100 dB.
+/// Closeness in dB of pictures of so many pixels in `f32` and `f64`, plane by plane: two pixels
+/// with a splat on the other side of the cut at 1/255, 80 dB for 3000 pixels. Rounding of a few
+/// hundred operations, 1e-5, is 100 dB.
 pub fn same_planes(pixels: usize) -> f64 {
     10.0 * (pixels as f64 * 255.0 * 255.0 / 2.0).log10()
 }

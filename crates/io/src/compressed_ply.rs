@@ -7,7 +7,7 @@
 //! | integer | bits from the highest |
 //! |---|---|
 //! | packed_position, packed_scale | x 11, y 10, z 11 |
-//! | packed_rotation | index of the largest of (w, x, y, z) 2; the others, 10 each, from −√½ to √½ |
+//! | packed_rotation | largest of (w, x, y, z) 2; the others, 10 each, from −√½ to √½ |
 //! | packed_color | red, green, blue, opacity, 8 each |
 //!
 //! Without a range, colours are from 0 to 1: ½ + Y₀ f_dc. The element `sh` has the other harmonics,

@@ -6,8 +6,8 @@
 //! name and renamed, so that a file is complete or unchanged.
 //!
 //! * [`dataset`]: photographs with cameras ([`cameras`], [`lens`], [`pixels`])
-//! * [`reconstruction`]: cameras and points of COLMAP, as evidence of their quality; [`masks`]: masks of
-//!   pictures by their names
+//! * [`reconstruction`]: cameras and points of COLMAP, as evidence of their quality; [`masks`]:
+//!   masks of pictures by their names
 //! * [`origin`]: origin of a scene in the world of its data set
 //! * [`orientation`]: up direction, centre and viewing distance as a model records them
 //! * [`gaussian_ply`], [`points_ply`]: Gaussians and points

@@ -15,7 +15,7 @@ use std::{io::Read, path::Path};
 /// Fault or oddity of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// What is unusual, with its count and place.
+    /// Fault or oddity, with its count and place.
     pub found: String,
     /// Its effect, and on which viewers.
     pub effect: &'static str,

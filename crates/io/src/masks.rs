@@ -33,9 +33,9 @@ pub struct Assigned {
     pub unused: Vec<PathBuf>,
 }
 
-/// Assigns the masks of a folder to pictures, by their paths below the folder of images: `NAME.png`,
-/// `NAME.jpg.png`, `NAME_mask.png`, `NAME.mask.png` or `NAME-mask.png`, in the subfolders of the
-/// pictures or in none.
+/// Assigns the masks of a folder to pictures, by their paths below the folder of images:
+/// `NAME.png`, `NAME.jpg.png`, `NAME_mask.png`, `NAME.mask.png` or `NAME-mask.png`, in the
+/// subfolders of the pictures or in none.
 pub fn assigned(folder: &Path, pictures: &[PathBuf]) -> Assigned {
     let masks = Masks::below(&Files::below(folder), Path::new(""));
     let mut counts: HashMap<String, usize> = HashMap::new();

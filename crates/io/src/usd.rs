@@ -4,10 +4,11 @@
 //! | prim | contents |
 //! |---|---|
 //! | `/Scene` | `Xform`, the default prim, with the placement of the scene |
-//! | `/Scene/Gaussians` | positions, orientations (w, x, y, z), linear scales, opacities from 0 to 1, harmonics, Gaussian by Gaussian in the convention of 3D Gaussian splatting (½ + Σ Y_k c_k) |
+//! | `/Scene/Gaussians` | positions, orientations (w, x, y, z), scales, opacities, harmonics |
 //! | `/Scene/Light` | `DomeLight` with a lat-long OpenEXR texture of linear radiance |
 //!
-//! Colours of harmonics are sRGB-encoded, which `colorSpace:name` says. The schema has no
+//! Scales are linear, opacities from 0 to 1; orientations are w, x, y, z. Colours are
+//! ½ + Σ Y_k c_k of the harmonics, Gaussian by Gaussian. They are sRGB-encoded, which `colorSpace:name` says. The schema has no
 //! materials, so these are primvars with names of our choice: `normals`, and of physical materials
 //! `albedo` (linear), `roughness` (perceptual) and `metallic`.
 //!

@@ -26,7 +26,7 @@ pub struct Made {
     pub scene: Option<String>,
     /// Names and values of facts.
     pub facts: Vec<[String; 2]>,
-    /// What a better capture would change.
+    /// Improvements of a better capture.
     pub findings: Vec<String>,
     /// Command lines that made it.
     pub commands: Vec<String>,

@@ -189,8 +189,8 @@ impl PixelKernel {
         let pixel = blended_field(self.shading.channels).into_iter().chain([field("point", 2)]);
         pixel.chain(camera_fields()).chain(rays).chain(light_frame_fields(self.is_turned)).collect()
     }
-    /// Reads [`PixelKernel::parameters`]: the pixel, its direction to the eye, its rays, the frame of
-    /// its light.
+    /// Reads [`PixelKernel::parameters`]: the pixel, its direction to the eye, its rays, the frame
+    /// of its light.
     fn take<'a>(
         &self,
         inputs: &mut Inputs<'a, Traced>,
