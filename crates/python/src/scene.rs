@@ -176,8 +176,9 @@ impl Scene {
     #[pyo3(signature = (path, *, sh_degree=3, min_opacity=0.0, upright=false))]
     fn export(&self, py: Python<'_>, path: PathBuf, sh_degree: u8, min_opacity: f32, upright: bool) -> PyResult<()> {
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
-        let format = GaussianFormat::from_extension(&ending)
-            .ok_or_else(|| Failure::input(format!("{path:?} has no known ending; use .ply, .splat, .spz, .glb, .usda or .usdz")))?;
+        let format = GaussianFormat::from_extension(&ending).ok_or_else(|| {
+            Failure::input(format!("{path:?} has no known ending; use .ply, .splat, .spz, .glb, .usda or .usdz"))
+        })?;
         Ok(self.with(py, |opened| {
             if opened.folder.as_deref().is_some_and(|folder| is_of_model(&path, folder, Some(folder))) {
                 return Err(Failure::input(format!("{path:?} is a file of the model itself; name another")));
