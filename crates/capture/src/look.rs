@@ -55,7 +55,8 @@ mod tests {
     #[test]
     fn blur_lowers_sharpness() {
         let picture = |soft: f32| -> Vec<u8> {
-            let level = |x: f32| 128.0 + 100.0 * ((core::f32::consts::TAU * x / 40.0).sin() / soft).clamp(-1.0, 1.0);
+            let level =
+                |x: f32| 128.0 + 100.0 * ((core::f32::consts::TAU * (x + 0.5) / 40.0).sin() / soft).clamp(-1.0, 1.0);
             (0..200)
                 .flat_map(|_| {
                     (0..400).flat_map(|x| {
