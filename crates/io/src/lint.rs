@@ -104,7 +104,8 @@ fn header_of(path: &Path) -> Result<Vec<u8>> {
     const END: &[u8] = b"end_header";
     let mut start = Vec::new();
     within::open(path)?.take(PLY_HEADER_MAX).read_to_end(&mut start).map_err(Error::reading(path))?;
-    let end = start.windows(END.len()).position(|word| word == END).unwrap_or(0);
+    // Without an end there is no header.
+    let Some(end) = start.windows(END.len()).position(|word| word == END) else { return Ok(Vec::new()) };
     let line = start[end..].iter().position(|byte| *byte == b'\n').unwrap_or(0);
     start.truncate(end + line);
     Ok(start)

@@ -8,9 +8,10 @@
 //! | `/Scene/Light` | `DomeLight` with a lat-long OpenEXR texture of linear radiance |
 //!
 //! Scales are linear, opacities from 0 to 1; orientations are w, x, y, z. Colours are
-//! ½ + Σ Y_k c_k of the harmonics, Gaussian by Gaussian. They are sRGB-encoded, which `colorSpace:name` says. The schema has no
-//! materials, so these are primvars with names of our choice: `normals`, and of physical materials
-//! `albedo` (linear), `roughness` (perceptual) and `metallic`.
+//! ½ + Σ Y_k c_k of the harmonics, Gaussian by Gaussian, and sRGB-encoded, which
+//! `colorSpace:name` says. The schema has no materials, so these are primvars with names of our
+//! choice: `normals`, and of physical materials `albedo` (linear), `roughness` (perceptual) and
+//! `metallic`.
 //!
 //! The texture follows OpenEXR: +y at the upper edge, +z in the centre, x decreasing to the right.
 
