@@ -84,7 +84,7 @@ fn of_spz(path: &Path) -> Result<Vec<Finding>> {
 
 fn of_ply(path: &Path) -> Result<Vec<Finding>> {
     let header = header_of(path)?;
-    let mut findings = of_header(&header);
+    let mut findings = if header.is_empty() { Vec::new() } else { of_header(&header) };
     let numbers = match gaussian_ply::numbers(path) {
         Ok(numbers) => numbers,
         // Readers refuse damaged files; findings on headers explain why.
