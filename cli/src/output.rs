@@ -2,7 +2,7 @@
 
 use crate::failure::Failure;
 use specula_io::{Error, whole_file, within};
-use specula_scene::text::printable;
+use specula_scene::{text::printable, training::Lock};
 use std::{
     fs,
     io::{self, Write},
@@ -60,6 +60,16 @@ fn refuse_detour(path: &Path) -> Result<(), Failure> {
         before.push(part);
     }
     Ok(())
+}
+
+/// Locks an output folder against other runs of the program.
+///
+/// # Errors
+///
+/// The lock cannot be taken.
+pub(crate) fn lock(folder: &Path) -> Result<Lock, Failure> {
+    const REMEDY: &str = "wait until it ends, or use another folder with -o";
+    Lock::take(folder).map_err(|error| Failure::locked(error, REMEDY))
 }
 
 /// Creates a folder and tests that it is writable, before long work. Removes temporary files of a

@@ -6,6 +6,7 @@ use crate::{
     output,
 };
 use core::slice;
+use specula_capture::is_installed;
 use specula_scene::{
     Layer, backdrop::BackgroundChoice, camera_set::CameraSet, picture_folder::PictureFolder, rendering::FRAME_MS,
     text::shown,
@@ -71,7 +72,7 @@ impl Video {
         if path.is_dir() {
             return Err(Failure::Input(format!("{path:?} is a folder; use another name with -o")));
         }
-        if !has_ffmpeg() {
+        if !is_installed("ffmpeg") {
             let frames = path.with_extension("");
             return Err(Failure::Input(format!(
                 "videos are written by ffmpeg, which is not installed; use -o {} for pictures, which ffmpeg -framerate \
@@ -159,12 +160,6 @@ fn refuse_other_file(path: &Path, ending: &str) -> Result<(), Failure> {
         ENDINGS.map(|ending| format!(".{ending}")).join(", "),
         shown(&path.with_extension(""))
     )))
-}
-
-fn has_ffmpeg() -> bool {
-    let mut ffmpeg = Command::new("ffmpeg");
-    ffmpeg.arg("-version").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
-    ffmpeg.status().is_ok_and(|status| status.success())
 }
 
 fn failure(path: &Path, source: io::Error) -> Failure {

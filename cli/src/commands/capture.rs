@@ -14,7 +14,6 @@ use specula_io::{dataset::LoadOptions, reconstruction::Reconstruction};
 use specula_scene::{
     dataset::{Dataset, count_pictures},
     text::shown,
-    training::Lock,
 };
 use specula_train::view::View;
 use std::path::{Path, PathBuf};
@@ -36,8 +35,7 @@ pub(crate) fn run(args: &Capture) -> Result<(), Failure> {
 pub(crate) fn capture(inputs: &[PathBuf], folder: &Path, options: &CaptureOptions) -> Result<Outcome, Failure> {
     specula_capture::check(inputs)?;
     output::make_folder(folder)?;
-    const REMEDY: &str = "wait until it ends, or use another folder with -o";
-    let _lock = Lock::take(folder).map_err(|error| Failure::locked(error, REMEDY))?;
+    let _lock = output::lock(folder)?;
     interrupt::watch()?;
     let CaptureOptions { frames, masks, mask_with, lens, best, colmap } = options.clone();
     let options = Options {

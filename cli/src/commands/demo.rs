@@ -109,8 +109,7 @@ fn lock(args: &Demo) -> Result<Lock, Failure> {
     for name in PROFILES.into_iter().chain(["data", Pictures::FOLDER]) {
         within::refuse_links(&args.output, &args.output.join(name))?;
     }
-    const REMEDY: &str = "wait until it ends, or use another folder with -o";
-    Lock::take(&args.output).map_err(|error| Failure::locked(error, REMEDY))
+    output::lock(&args.output)
 }
 
 /// Unpacks the data and draws random points.

@@ -43,7 +43,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     let ViewOptions { scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
     let plan = LightPlan::new(&args.lights, (&args.env_options).into())?;
-    let views = &if plan.has_ground() { over_ground(args, &opened) } else { args.views.clone() };
+    let views = &over_ground(args, plan.has_ground(), &opened);
     refuse_options_without_light(plan.env(), (&args.env_options).into())?;
     let mut set = CameraSet::choose(&(&args.views).into(), &opened)?;
     set.keep_light_still();
@@ -108,8 +108,8 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
 }
 
 /// Options of the pictures. Ground is white where it would be as black as the shadows on it.
-fn over_ground(args: &Relight, opened: &OpenedModel) -> ViewOptions {
-    if args.views.background.is_some() || opened.background() != [0.0; 3] {
+fn over_ground(args: &Relight, has_ground: bool, opened: &OpenedModel) -> ViewOptions {
+    if !has_ground || args.views.background.is_some() || opened.background() != [0.0; 3] {
         return args.views.clone();
     }
     tracing::info!(

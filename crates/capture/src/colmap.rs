@@ -214,7 +214,7 @@ pub(crate) enum Event {
     Block([u64; 4]),
     /// A picture gets a camera.
     Registered,
-    /// A reconstruction begins anew.
+    /// A new reconstruction begins.
     Started,
     /// Number of pictures with matches to others.
     Connected(u64),

@@ -88,7 +88,7 @@ fn of_reconstruction(model: &Reconstruction, pictures: usize) -> Vec<Finding> {
         found.push(Finding {
             kind: "models",
             cause: format!("the pictures fell into separate parts of {registered}, {}", others.join(", ")),
-            remedy: "the largest is used; add pictures that show two parts at once, or capture each place by itself",
+            remedy: "the largest is used; add pictures that show two parts at once, or capture the places separately",
         });
     }
     if model.tracks.is_empty() {

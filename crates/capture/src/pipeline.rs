@@ -123,10 +123,9 @@ impl Run<'_> {
             tracing::warn!("{}; trying again with more features and pairs", self.summary(1));
             self.attempt(2, inputs, &best)?;
         }
-        let registered = |attempt: &Attempt| attempt.models.first().copied().unwrap_or(0);
         let attempts = self.record.attempts.iter().enumerate();
-        let (index, attempt) = attempts.rev().max_by_key(|(_, attempt)| registered(attempt)).expect("there is one");
-        let outcome = Outcome { pictures: attempt.pictures, registered: registered(attempt) };
+        let (index, attempt) = attempts.rev().max_by_key(|(_, attempt)| attempt.registered()).expect("there is one");
+        let outcome = Outcome { pictures: attempt.pictures, registered: attempt.registered() };
         let Some(model) = attempt.largest.clone() else {
             return Err(Error::NoCameras(diagnosis::of_failure(attempt.pictures, attempt.connected)));
         };
@@ -141,14 +140,13 @@ impl Run<'_> {
 
     fn summary(&self, number: usize) -> String {
         let attempt = &self.record.attempts[number - 1];
-        let registered = attempt.models.first().copied().unwrap_or(0);
-        format!("{registered} of {} pictures have a camera", attempt.pictures)
+        format!("{} of {} pictures have a camera", attempt.registered(), attempt.pictures)
     }
 
     /// Whether the largest model of an attempt has enough of the pictures.
     fn is_good(&self, number: usize) -> bool {
         let attempt = &self.record.attempts[number - 1];
-        let registered = attempt.models.first().copied().unwrap_or(0);
+        let registered = attempt.registered();
         registered > 0 && registered as f64 >= REGISTERED_MIN * attempt.pictures as f64
     }
 
@@ -361,21 +359,22 @@ impl Run<'_> {
     fn matches(&mut self, number: usize, database: &Path, names: &[PathBuf], attempt: &mut Attempt) -> Result<()> {
         let count = names.len();
         let limit = if number == 1 { EXHAUSTIVE } else { SECOND_EXHAUSTIVE };
+        let pairs = (count > limit).then(|| pairs::sequential(count));
         let all = count * count.saturating_sub(1) / 2;
-        let pairs = if count <= limit { Vec::new() } else { pairs::sequential(count) };
-        attempt.matching = if count <= limit { "all pairs" } else { "neighbours and loops" }.into();
-        attempt.pairs = if count <= limit { all } else { pairs.len() };
+        attempt.matching = if pairs.is_some() { "neighbours and loops" } else { "all pairs" }.into();
+        attempt.pairs = pairs.as_ref().map_or(all, Vec::len);
         let step_name = format!("matches {number}");
         if self.record.is_done(&step_name) {
             return Ok(());
         }
         let file = self.work.join(format!("pairs-{number}.txt"));
-        let step = if count <= limit {
-            Step::MatchAll { block: (count / 8).clamp(4, 50) }
-        } else {
-            let line = |pair: &[usize; 2]| pair.map(|index| slashed(&names[index])).join(" ");
-            write_lines(&file, pairs.iter().map(line))?;
-            Step::MatchPairs { pairs: &file }
+        let step = match &pairs {
+            None => Step::MatchAll { block: (count / 8).clamp(4, 50) },
+            Some(pairs) => {
+                let line = |pair: &[usize; 2]| pair.map(|index| slashed(&names[index])).join(" ");
+                write_lines(&file, pairs.iter().map(line))?;
+                Step::MatchPairs { pairs: &file }
+            }
         };
         let total = attempt.pairs as u64;
         let monitor = self.monitor;

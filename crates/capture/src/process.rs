@@ -110,7 +110,7 @@ impl CommandLine {
                 Err(RecvTimeoutError::Timeout) => {}
             }
             if monitor.is_interrupted() {
-                // The program may have ended by itself.
+                // The program may have ended meanwhile.
                 let _ = child.kill();
             }
         }
@@ -141,9 +141,14 @@ fn with_remedy(message: String) -> String {
     }
 }
 
+/// Whether a program of ffmpeg is on the path.
+pub fn is_installed(program: &str) -> bool {
+    CommandLine::new(program, &["-version"]).output().is_some()
+}
+
 /// Whether ffmpeg and ffprobe are on the path.
 pub fn has_ffmpeg() -> bool {
-    ["ffmpeg", "ffprobe"].iter().all(|program| CommandLine::new(*program, &["-version"]).output().is_some())
+    ["ffmpeg", "ffprobe"].into_iter().all(is_installed)
 }
 
 #[cfg(test)]

@@ -55,6 +55,13 @@ pub(crate) struct Attempt {
     pub(crate) largest: Option<PathBuf>,
 }
 
+impl Attempt {
+    /// Number of pictures with a camera in the largest model.
+    pub(crate) fn registered(&self) -> usize {
+        self.models.first().copied().unwrap_or(0)
+    }
+}
+
 /// The record.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Record {

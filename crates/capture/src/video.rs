@@ -105,7 +105,7 @@ pub(crate) fn candidates(path: &Path, facts: &Facts, monitor: &dyn Monitor) -> R
         before = Some(thumbnail);
         monitor.done(found.len() as u64);
         if monitor.is_interrupted() {
-            // It may have ended by itself.
+            // It may have ended meanwhile.
             let _ = child.kill();
             return Err(Error::Interrupted);
         }
