@@ -98,15 +98,16 @@ pub fn span_in_rows<R: Real>(outline: &Outline<R>, top: R, bottom: R) -> [R; 2] 
     [choose(left, 1.0, -f32::MAX), choose(right, -1.0, f32::MAX)]
 }
 
-/// First and past-the-last tile, of `tile_count` along an axis, that the interval from `low` to
-/// `high`, in pixels, touches.
+/// First and past-the-last tile, of those from `tiles[0]` to before `tiles[1]` along an axis, that
+/// the interval from `low` to `high`, in pixels, touches.
 #[inline(always)]
-pub fn tile_range<R: Real>(low: R, high: R, tile_count: R) -> [R; 2] {
-    let (zero, before) = (low.zero(), low.constant(-1.0));
-    let first = (low / TILE_SIZE as f32).floor().max(before).min(tile_count);
-    let last = (high / TILE_SIZE as f32).floor().max(before).min(tile_count);
+pub fn tile_range<R: Real>(low: R, high: R, tiles: [R; 2]) -> [R; 2] {
+    let [start, end] = tiles;
+    let before = start - 1.0;
+    let first = (low / TILE_SIZE as f32).floor().max(before).min(end);
+    let last = (high / TILE_SIZE as f32).floor().max(before).min(end);
     let is_interval = low.less_or_equal(high);
-    [first.max(zero).keep(is_interval), (last + 1.0).min(tile_count).keep(is_interval)]
+    [first.max(start).keep(is_interval), (last + 1.0).min(end).keep(is_interval)]
 }
 
 /// Number of tiles along an edge of this many pixels.

@@ -5,6 +5,7 @@
 //! extent.
 
 use crate::{
+    bin::{TILE_SIZE, tile_count},
     cutoffs::ProjectionModel,
     each,
     light_frame::LightFrame,
@@ -37,6 +38,39 @@ pub struct Camera {
     /// Rotation from world axes to those of the picture's light ([`mod@crate::light_frame`]);
     /// `None` for a light that stands still in the world.
     pub light_from_world: Option<GlamMat3>,
+    /// Part of the picture to render; `None` for all. Its pixels have the same bits as in the whole
+    /// picture, and others may be empty.
+    pub scissor: Option<Scissor>,
+}
+
+/// Rectangle of pixels of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Scissor {
+    /// First column.
+    pub x: u32,
+    /// First row.
+    pub y: u32,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+impl Scissor {
+    /// True if the rectangle lies in a picture of this size.
+    pub fn fits(&self, width: u32, height: u32) -> bool {
+        let ends = |first: u32, len: u32, size: u32| first.checked_add(len).is_some_and(|end| end <= size);
+        ends(self.x, self.width, width) && ends(self.y, self.height, height)
+    }
+}
+
+/// Tiles of a picture that are rendered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TileWindow {
+    /// First column, and one past the last.
+    pub columns: [u32; 2],
+    /// First row, and one past the last.
+    pub rows: [u32; 2],
 }
 
 /// [`Camera::near`] of a scene with this camera extent: [`NEAR`], or less in a scene that is
@@ -103,6 +137,7 @@ impl Camera {
             width,
             height,
             light_from_world: None,
+            scissor: None,
         }
     }
 
@@ -154,10 +189,12 @@ impl Camera {
             width,
             height,
             light_from_world: None,
+            scissor: None,
         })
     }
 
-    /// The same view at another size; focal lengths and principal point scale along.
+    /// The same view at another size; focal lengths and principal point scale along. A scissor,
+    /// which belongs to the size, is removed here and in all that change the size.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let scale = [width as f32 / self.width as f32, height as f32 / self.height as f32];
         Self {
@@ -165,6 +202,7 @@ impl Camera {
             principal_px: [self.principal_px[0] * scale[0], self.principal_px[1] * scale[1]],
             width,
             height,
+            scissor: None,
             ..*self
         }
     }
@@ -197,6 +235,7 @@ impl Camera {
             principal_px: [principal(0), principal(1)],
             width,
             height,
+            scissor: None,
             ..*self
         }
     }
@@ -212,6 +251,7 @@ impl Camera {
             principal_px: [self.height as f32 - self.principal_px[1], self.principal_px[0]],
             width: self.height,
             height: self.width,
+            scissor: None,
             ..*self
         }
     }
@@ -228,6 +268,20 @@ impl Camera {
             (false, _, true) => self.turned_clockwise().turned_clockwise(),
             (false, _, false) => *self,
         }
+    }
+
+    /// Tiles that the rendered part of the picture touches.
+    pub fn tile_window(&self) -> TileWindow {
+        let all = [self.width, self.height];
+        let (first, end) = match self.scissor {
+            Some(Scissor { x, y, width, height }) => ([x, y], [x.saturating_add(width), y.saturating_add(height)]),
+            None => ([0; 2], all),
+        };
+        let along = |axis: usize| {
+            let end = tile_count(end[axis].min(all[axis]));
+            [(first[axis] / TILE_SIZE).min(end), end]
+        };
+        TileWindow { columns: along(0), rows: along(1) }
     }
 
     /// Width and height of the picture, in pixels.

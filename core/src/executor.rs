@@ -118,11 +118,15 @@ pub enum Feature {
     Sampling,
     /// Ceilings of planes ([`Executor::limit_plane`]), for resets of opacities.
     Limits,
+    /// Surfaces of other renderers in front of splats ([`Renderer::blend_occluded`]).
+    Occlusions,
+    /// Changes of some Gaussians ([`Renderer::write_gaussians`]).
+    PartialWrites,
 }
 
 impl Feature {
     /// Every feature.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 13] = [
         Self::NearFields,
         Self::Lamps,
         Self::LightNetworks,
@@ -134,6 +138,8 @@ impl Feature {
         Self::Sums,
         Self::Sampling,
         Self::Limits,
+        Self::Occlusions,
+        Self::PartialWrites,
     ];
 
     /// Name, as [`Unsupported`] has it.
@@ -150,6 +156,8 @@ impl Feature {
             Self::Sums => "sums of gradients",
             Self::Sampling => "filters in space",
             Self::Limits => "ceilings of planes",
+            Self::Occlusions => "splats behind surfaces of another renderer",
+            Self::PartialWrites => "changes of some Gaussians",
         }
     }
 }
@@ -277,6 +285,25 @@ pub trait Renderer {
         Ok(gaussians.with_values(self.upload(gaussians.values.as_ref())?))
     }
 
+    /// Replaces Gaussians of an uploaded array by those with the same indices of `gaussians`, which
+    /// has the same count and layout. Whole blocks of [`BLOCK`](crate::scene::BLOCK) Gaussians are
+    /// written, those that `range` touches.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor: another count or layout, or a range beyond the count
+    /// ([`Gaussians::changed_values`]); a lost device; [`Unsupported`] without
+    /// [`Feature::PartialWrites`].
+    fn write_gaussians<A: AsRef<[f32]>>(
+        &mut self,
+        uploaded: &mut Gaussians<Self::Array>,
+        gaussians: &Gaussians<A>,
+        range: Range<usize>,
+    ) -> Result<(), Self::Error> {
+        let _ = (uploaded, gaussians, range);
+        Err(Unsupported::feature(Feature::PartialWrites).into())
+    }
+
     /// Downloads an array to the host.
     ///
     /// # Errors
@@ -389,6 +416,26 @@ pub trait Renderer {
         tiles: &Self::Tiles,
         camera: &Camera,
     ) -> Result<Self::Frame, Self::Error>;
+
+    /// [`Renderer::blend`] without the splats that surfaces of another renderer hide
+    /// ([`mod@crate::occlusion`]): one depth for each pixel of the camera, row by row. Render only:
+    /// gradients of such a frame are those of a picture without surfaces.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor, such as an occlusion of another size; [`Unsupported`] without
+    /// [`Feature::Occlusions`].
+    fn blend_occluded(
+        &mut self,
+        splats: &Self::Splats,
+        colors: &Self::Colors,
+        tiles: &Self::Tiles,
+        camera: &Camera,
+        occlusion: &Self::Array,
+    ) -> Result<Self::Frame, Self::Error> {
+        let _ = (splats, colors, tiles, camera, occlusion);
+        Err(Unsupported::feature(Feature::Occlusions).into())
+    }
 
     /// Traces the reflected ray of every pixel against the near field of the light
     /// ([`mod@crate::near_field`]); the frame keeps the reflections for [`Renderer::shade_pixels`]

@@ -22,7 +22,7 @@
 //!   reflected rays hit; [`lamps`]: suns and spheres that cast shadows; [`light_frame`]: lights
 //!   that turn from picture to picture
 //! * [`bin`]: tiles that a splat touches; [`order`]: the order of splats in a pixel; [`blend`]: one
-//!   compositing step
+//!   compositing step; [`occlusion`]: surfaces of other renderers in front of splats
 //! * [`expose`]: affine maps of a photograph's colours
 //! * [`loss`], [`depth_normal`]: losses; [`optimise`], [`densify`]: updates; [`metrics`]: measures
 //! * [`morton`]: Morton order; [`pack`]: half precision; [`region`]: parts of space
@@ -108,6 +108,7 @@ pub mod metrics;
 pub mod morton;
 pub mod near_field;
 pub mod normal;
+pub mod occlusion;
 pub mod optimise;
 pub mod order;
 pub mod pack;

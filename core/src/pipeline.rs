@@ -71,6 +71,28 @@ pub fn render_observed<E: Renderer>(
     Ok(render_pass(exec, gaussians, light, camera, rules, observer)?.frame)
 }
 
+/// [`render`] behind opaque surfaces of another renderer ([`mod@crate::occlusion`]), given by one
+/// depth for each pixel.
+///
+/// # Errors
+///
+/// The error of the stage that failed; [`Unsupported`](crate::executor::Unsupported) by executors
+/// without [`Feature::Occlusions`](crate::executor::Feature::Occlusions).
+pub fn render_occluded<E: Renderer>(
+    exec: &mut E,
+    gaussians: &Gaussians<E::Array>,
+    light: Option<&E::Light>,
+    camera: &Camera,
+    rules: &RenderRules,
+    occlusion: &E::Array,
+) -> Result<E::Frame, E::Error> {
+    let light = light.filter(|_| rules.is_lit);
+    let (splats, colors) = project_and_shade(exec, gaussians, light, camera, rules, &mut ())?;
+    let tiles = exec.bin(&splats, camera)?;
+    let frame = exec.blend_occluded(&splats, &colors, &tiles, camera, occlusion)?;
+    light_pixels(exec, gaussians.layout, frame, light, camera, rules, &mut ())
+}
+
 /// Results of all stages of a picture.
 #[derive(Debug)]
 pub struct Pass<E: Renderer> {
@@ -127,8 +149,22 @@ fn blend_pass<E: Renderer>(
 ) -> Result<Pass<E>, E::Error> {
     let tiles = bin(exec, &splats, camera)?;
     observer.on_stage(Stage::Bin(&tiles));
-    let mut frame = exec.blend(&splats, &colors, &tiles, camera)?;
+    let frame = exec.blend(&splats, &colors, &tiles, camera)?;
     observer.on_stage(Stage::Blend(&splats, &frame));
+    let frame = light_pixels(exec, layout, frame, light, camera, rules, observer)?;
+    Ok(Pass { splats, colors, tiles, frame })
+}
+
+/// Stages of a picture after blending.
+fn light_pixels<E: Renderer>(
+    exec: &mut E,
+    layout: Layout,
+    mut frame: E::Frame,
+    light: Option<&E::Light>,
+    camera: &Camera,
+    rules: &RenderRules,
+    observer: &mut impl StageObserver<E>,
+) -> Result<E::Frame, E::Error> {
     if rules.is_deferred(layout) {
         if let Some(light) = light.filter(|_| rules.traces_near) {
             frame = exec.trace(frame, light, camera)?;
@@ -141,7 +177,7 @@ fn blend_pass<E: Renderer>(
         frame = exec.shade_pixels(frame, light, camera, rules)?;
         observer.on_stage(Stage::ShadePixels(&frame));
     }
-    Ok(Pass { splats, colors, tiles, frame })
+    Ok(frame)
 }
 
 /// First stages of a picture: splats of Gaussians and their channels.

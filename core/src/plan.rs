@@ -15,6 +15,7 @@ use crate::{
     scene::{DIFFUSE, Environment, Gaussians, Layout, NORMAL_RESIDUAL_1, OPACITY, ROUGHNESS, RadianceActivation, TINT},
     shade::ShadingForm,
 };
+use core::ops::Range;
 
 /// Upper bounds of the terms of a scene's Gaussians and light. Gaussians that are too faint to be
 /// drawn are ignored; NaN counts as infinite, so it is never omitted.
@@ -60,7 +61,12 @@ impl Needs {
 
     /// Needs of Gaussians without a light; reads each of them once.
     pub fn of<A: AsRef<[f32]>>(gaussians: &Gaussians<A>) -> Self {
-        (0..gaussians.count).fold(Self::NOTHING, |needs, index| needs.and(gaussians, index))
+        Self::NOTHING.with(gaussians, 0..gaussians.count)
+    }
+
+    /// These needs and those of some Gaussians, such as changed ones.
+    pub fn with<A: AsRef<[f32]>>(self, gaussians: &Gaussians<A>, range: Range<usize>) -> Self {
+        range.fold(self, |needs, index| needs.and(gaussians, index))
     }
 
     /// Needs of the same Gaussians under a light, if there is one.

@@ -6,6 +6,7 @@
 //! Adam share this layout.
 
 use crate::{antialias::LowPass, light_network::WEIGHT_COUNT};
+use core::ops::Range;
 
 /// Source of a Gaussian's colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -186,7 +187,52 @@ impl<A> Gaussians<A> {
     }
 }
 
+/// Error of a change of some of the Gaussians.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ChangeError {
+    /// Another number of Gaussians, or other planes, than before.
+    Shape,
+    /// The range ends behind the last Gaussian, or before its start.
+    Range {
+        /// End of the range.
+        end: usize,
+        /// Number of Gaussians.
+        count: usize,
+    },
+}
+
+impl core::fmt::Display for ChangeError {
+    fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Shape => out.write_str(
+                "the changed Gaussians have another count or other planes than the uploaded ones; upload all of them",
+            ),
+            Self::Range { end, count } => write!(out, "a range of Gaussians ends at {end}, but there are {count}"),
+        }
+    }
+}
+
+impl core::error::Error for ChangeError {}
+
 impl<A: AsRef<[f32]>> Gaussians<A> {
+    /// Range of the values of the blocks that hold some of these Gaussians, which replace those of
+    /// `before`.
+    ///
+    /// # Errors
+    ///
+    /// [`ChangeError`] if count or layout differ from those of `before`, or the range is not within
+    /// the count.
+    pub fn changed_values<B>(&self, before: &Gaussians<B>, range: Range<usize>) -> Result<Range<usize>, ChangeError> {
+        if (self.count, self.layout) != (before.count, before.layout) {
+            return Err(ChangeError::Shape);
+        }
+        if range.end > self.count || range.start > range.end {
+            return Err(ChangeError::Range { end: range.end, count: self.count });
+        }
+        let block_len = self.block_len();
+        Ok(range.start / BLOCK * block_len..range.end.div_ceil(BLOCK) * block_len)
+    }
+
     /// `N` neighbouring planes of one Gaussian.
     pub fn get<const N: usize>(&self, gaussian: usize, first_plane: usize) -> [f32; N] {
         core::array::from_fn(|k| self.values.as_ref()[self.index_of(gaussian, first_plane + k)])

@@ -3,7 +3,8 @@
 //! * `shade`: the colour of one Gaussian, with only core, which needs neither std nor an allocator
 //! * `prefilter`: light in levels of roughness, with the numbers that a loader of an engine wants
 //! * `render`: a PLY of Gaussians to a picture
-//! * `texture`: a picture into a texture of another program's wgpu device
+//! * `engine`: frames in an engine's memory, behind its depth buffer, while Gaussians move
+//! * `texture`: a frame in the pass of another program on wgpu, behind its depth texture
 //! * `fit`: a picture as Gaussians, under a loss that is written on the spot
 //! * `train`: a data set to a model, with a word about how it goes
 //!

@@ -2,6 +2,8 @@
 
 #![expect(dead_code, reason = "the examples' entry points")]
 
+#[path = "../engine.rs"]
+mod engine;
 #[path = "../executor.rs"]
 mod executor;
 #[path = "../fit.rs"]

@@ -6,6 +6,7 @@ use specula_core::{
     light_network::LightNetworkError,
     near_field::NearFieldError,
     prefilter::RESOLUTION_MAX,
+    scene::ChangeError,
 };
 
 /// Error of a stage.
@@ -59,6 +60,9 @@ pub enum CpuError {
     /// A buffer does not have the length of the numbers to read.
     #[error(transparent)]
     BufferLength(BufferLength),
+    /// Changed Gaussians do not replace the uploaded ones.
+    #[error(transparent)]
+    Change(ChangeError),
     /// A result that this executor does not compute.
     #[error(transparent)]
     Unsupported(#[from] Unsupported),

@@ -22,6 +22,7 @@ use crate::{
         trace::trace,
     },
 };
+use core::ops::Range;
 use specula_core::{
     attributes::GaussianShading,
     camera::{Camera, CameraGrad},
@@ -222,6 +223,17 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
         Ok(self.context.copy_of(values))
     }
 
+    fn write_gaussians<A: AsRef<[f32]>>(
+        &mut self,
+        uploaded: &mut Gaussians<Vec<f32>>,
+        gaussians: &Gaussians<A>,
+        range: Range<usize>,
+    ) -> Result<(), CpuError> {
+        let values = gaussians.changed_values(uploaded, range).map_err(CpuError::Change)?;
+        uploaded.values[values.clone()].copy_from_slice(&gaussians.values.as_ref()[values]);
+        Ok(())
+    }
+
     fn download(&mut self, array: &Vec<f32>, values: &mut [f32]) -> Result<(), CpuError> {
         BufferLength::check(array.len(), values).map_err(CpuError::BufferLength)?;
         values.copy_from_slice(array);
@@ -287,7 +299,21 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
     }
 
     fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, CpuError> {
-        Ok(blend_all(&self.context, splats, colors, tiles, camera, self.cutoffs.cutoffs()))
+        Ok(blend_all(&self.context, splats, colors, tiles, camera, None, self.cutoffs.cutoffs()))
+    }
+
+    fn blend_occluded(
+        &mut self,
+        splats: &Splats,
+        colors: &Colors,
+        tiles: &Tiles,
+        camera: &Camera,
+        occlusion: &Vec<f32>,
+    ) -> Result<Frame, CpuError> {
+        let pixels = camera.width as usize * camera.height as usize;
+        BufferLength::check(pixels, occlusion).map_err(CpuError::BufferLength)?;
+        let occlusion = Some(occlusion.as_slice());
+        Ok(blend_all(&self.context, splats, colors, tiles, camera, occlusion, self.cutoffs.cutoffs()))
     }
 
     fn trace(&mut self, surface: Frame, light: &Light, camera: &Camera) -> Result<Frame, CpuError> {

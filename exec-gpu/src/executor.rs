@@ -70,6 +70,23 @@ pub trait Precision: Debug {
 #[derive(Clone, Copy, Debug)]
 pub struct FrameCapacity(Capacity);
 
+/// Result of [`GpuExecutor::frame_status_later`].
+#[derive(Clone, Copy, Debug)]
+pub struct FrameStatus {
+    /// Whether all splats are in the frame; otherwise they exceeded the capacity, and the frame
+    /// shows none.
+    pub is_complete: bool,
+    /// Capacity that the frame needs, for [`GpuExecutor::grant`].
+    pub capacity: FrameCapacity,
+}
+
+impl FrameStatus {
+    fn new(counters: &[u8], gpu: &Gpu) -> Result<Self, GpuError> {
+        let counts = StepCounts::new(&bytemuck::pod_collect_to_vec::<u8, u32>(counters));
+        Ok(Self { is_complete: !counts.exceeds_capacity, capacity: FrameCapacity(counts.required(gpu)?) })
+    }
+}
+
 /// Result of [`GpuExecutor::read_frame_later`].
 #[derive(Clone, Debug)]
 pub struct LaterFrame {
@@ -147,8 +164,9 @@ impl GpuExecutor<Storage> {
         self.precision = storage;
     }
 
-    /// Prepares to read pictures without blocking, only by [`GpuExecutor::read_frame_later`]: their
-    /// splats are sorted with the capacity of earlier ones.
+    /// Prepares to render pictures without blocking: their splats are sorted with the capacity of
+    /// earlier ones. They may be incomplete, as only [`GpuExecutor::read_frame_later`] and
+    /// [`GpuExecutor::frame_status_later`] tell.
     pub fn read_later(&mut self) {
         self.picture_capacity = Some(Capacity::default());
     }
@@ -172,11 +190,26 @@ impl GpuExecutor<Storage> {
         Ok(async move {
             let bytes = bytes.await?;
             let (counter_bytes, frame_bytes) = bytes.split_at(len);
-            let counts = StepCounts::new(&bytemuck::pod_collect_to_vec::<u8, u32>(counter_bytes));
-            let capacity = FrameCapacity(counts.required(&gpu)?);
-            let values = (!counts.exceeds_capacity).then(|| bytemuck::pod_collect_to_vec(frame_bytes));
+            let FrameStatus { is_complete, capacity } = FrameStatus::new(counter_bytes, &gpu)?;
+            let values = is_complete.then(|| bytemuck::pod_collect_to_vec(frame_bytes));
             Ok(LaterFrame { values, planes, capacity })
         })
+    }
+
+    /// Status of the last frame, after the device is done with it, for frames that stay on the
+    /// device.
+    ///
+    /// # Errors
+    ///
+    /// Errors that the device reported since the last call.
+    pub fn frame_status_later(
+        &mut self,
+    ) -> Result<impl Future<Output = Result<FrameStatus, GpuError>> + use<>, GpuError> {
+        let len = self.counters.array().len();
+        let bytes = self.context.read_later(&[(self.counters.array(), 0..len)])?;
+        self.counters.reset_step(&mut self.context);
+        let gpu = self.context.gpu.clone();
+        Ok(async move { FrameStatus::new(&bytes.await?, &gpu) })
     }
 
     /// Grants later pictures the capacity of one picture plus a quarter.
@@ -299,6 +332,25 @@ impl<P> GpuExecutor<P> {
 }
 
 impl<P: Precision> GpuExecutor<P> {
+    /// Blends splats behind the surfaces of another renderer, if there are any.
+    fn blend_behind(
+        &mut self,
+        splats: &Splats,
+        colors: &Colors,
+        tiles: &Tiles,
+        camera: &Camera,
+        surfaces: Option<&Array>,
+    ) -> Result<Frame, GpuError> {
+        let context = &mut self.context;
+        match &splats.responses {
+            None => blend(context, splats, colors, tiles, camera, surfaces),
+            Some(responses) => {
+                let window = self.order.window();
+                blend_in_order(context, splats, responses, colors, tiles, camera, surfaces, window)
+            }
+        }
+    }
+
     /// Evaluates a network light. Does not check that weights are finite, because they are on the
     /// device.
     fn evaluate_network(
@@ -355,6 +407,28 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
             Storage::F16 => self.upload_packed(gaussians)?,
         };
         Ok(gaussians.with_values(chunked))
+    }
+
+    fn write_gaussians<A: AsRef<[f32]>>(
+        &mut self,
+        uploaded: &mut Gaussians<ChunkedArray>,
+        gaussians: &Gaussians<A>,
+        range: Range<usize>,
+    ) -> Result<(), GpuError> {
+        let values = gaussians.changed_values(uploaded, range).map_err(GpuError::Change)?;
+        let blocks = values.start / gaussians.block_len()..values.end / gaussians.block_len();
+        let changed = &gaussians.values.as_ref()[values.clone()];
+        match uploaded.values.storage() {
+            Storage::F32 => self.context.write_chunks(&uploaded.values, values.start, changed),
+            Storage::F16 => {
+                let layout = gaussians.layout;
+                let changed = Gaussians { count: BLOCK * blocks.len(), layout, values: changed };
+                let words_each = Storage::F16.words(layout);
+                let mut words = vec![0; changed.count * words_each];
+                pack(&changed, &mut words);
+                self.context.write_chunks(&uploaded.values, BLOCK * blocks.start * words_each, &words)
+            }
+        }
     }
 
     fn download(&mut self, array: &ChunkedArray, values: &mut [f32]) -> Result<(), GpuError> {
@@ -426,12 +500,20 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
     }
 
     fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, GpuError> {
-        match &splats.responses {
-            None => blend(&mut self.context, splats, colors, tiles, camera),
-            Some(responses) => {
-                blend_in_order(&mut self.context, splats, responses, colors, tiles, camera, self.order.window())
-            }
-        }
+        self.blend_behind(splats, colors, tiles, camera, None)
+    }
+
+    fn blend_occluded(
+        &mut self,
+        splats: &Splats,
+        colors: &Colors,
+        tiles: &Tiles,
+        camera: &Camera,
+        occlusion: &ChunkedArray,
+    ) -> Result<Frame, GpuError> {
+        let pixels = camera.width as usize * camera.height as usize;
+        BufferLength::check_len(pixels, occlusion.len()).map_err(GpuError::BufferLength)?;
+        self.blend_behind(splats, colors, tiles, camera, Some(occlusion.whole()))
     }
 
     fn trace(&mut self, surface: Frame, light: &Light, camera: &Camera) -> Result<Frame, GpuError> {
@@ -686,12 +768,18 @@ mod tests {
         assert!(expected.iter().any(|number| *number > 0.1), "something is seen");
 
         exec.read_later();
+        render(&mut exec, &scene, None, &camera, &rules).expect("the device renders");
+        let later = exec.frame_status_later().expect("it is recorded");
+        let status = waited(&exec, later).expect("the device is there");
+        assert!(!status.is_complete, "nothing is known of its splats before");
         let frame = render(&mut exec, &scene, None, &camera, &rules).expect("the device renders");
         let later = exec.read_frame_later(&frame, FrameContent::Channels).expect("it is recorded");
         let LaterFrame { values, capacity, .. } = waited(&exec, later).expect("the device is there");
         assert_eq!(values, None, "nothing is known of its splats before");
         exec.grant(capacity);
         let frame = render(&mut exec, &scene, None, &camera, &rules).expect("the device renders");
+        let later = exec.frame_status_later().expect("it is recorded");
+        assert!(waited(&exec, later).expect("the device is there").is_complete, "its splats have room");
         for (content, planes) in [(FrameContent::Channels, frame.channels + 1), (FrameContent::Colors, 4)] {
             let later = exec.read_frame_later(&frame, content).expect("it is recorded");
             let later = waited(&exec, later).expect("the device is there");

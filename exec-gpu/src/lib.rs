@@ -33,7 +33,7 @@ mod stages;
 #[cfg(feature = "testing")]
 mod testing;
 
-pub use compose::Composer;
+pub use compose::{Composer, DepthReader, Mixing, PassFormat};
 pub use device::{
     adapter::{AdapterPlace, AdapterReport, adapters},
     ceilings::Ceilings,
@@ -43,7 +43,7 @@ pub use device::{
     kernel_set::KernelSet,
     timer::KernelTime,
 };
-pub use executor::{FrameCapacity, Full, GpuExecutor, LaterFrame, Precision};
+pub use executor::{FrameCapacity, FrameStatus, Full, GpuExecutor, LaterFrame, Precision};
 pub use stages::{
     bin::Tiles,
     blend_vjp::SplatGrads,

@@ -16,8 +16,10 @@ use proptest::{
 };
 use specula_core::{
     activation::logit,
+    camera::Scissor,
     executor::{Feature, Renderer, Unsupported},
     lamps::Lamp,
+    pipeline,
     prefilter::PrefilterScheme,
     rules::{Channels, LightLayer, RenderRules, channel},
     scene::{LOG_SCALE, Layout, MEAN, OPACITY, ROUGHNESS, RadianceActivation},
@@ -49,6 +51,9 @@ requirements! {
         lamps_shine_or_are_refused_by_name,
         lights_of_networks_are_evaluated_or_refused_by_name,
         the_official_filter_is_computed_or_refused_by_name,
+        parts_of_pictures_have_the_bits_of_the_whole,
+        surfaces_hide_splats_or_are_refused_by_name,
+        changes_of_some_gaussians_are_written_or_refused_by_name,
     };
     /// Writes one `#[test]` for each requirement of a `Renderer`. The argument makes the executor,
     /// or `None` where it cannot run; after a comma `F16` tells that it stores halves.
@@ -280,6 +285,7 @@ fn view_of(case: &Case, shading: ShadingRules) -> View {
         environment: case.environment.clone(),
         near_field: None,
         lamps: Vec::new(),
+        occlusion: None,
         camera: case.camera,
         rules: rules(shading, Channels::Training),
     }
@@ -511,4 +517,114 @@ pub fn the_official_filter_is_computed_or_refused_by_name<E: Renderer>(subject: 
     computed_or_refused(subject, "official filters", &[view], |exec, view| {
         assert_finite(&view.picture(exec)?).map_err(|fault| format!("the official filter: {fault}"))
     })
+}
+
+/// Renders parts of pictures, from one pixel to the whole, and compares their pixels.
+///
+/// # Errors
+///
+/// The fault.
+pub fn parts_of_pictures_have_the_bits_of_the_whole<E: Renderer>(subject: &Subject<'_, E>) -> Result<(), String> {
+    let mut exec = subject.executor();
+    let variants = [(ShadingRules::PAPER, Layout::radiance(2)), (ShadingRules::DEFERRED, Layout::shaded(Some(1)))];
+    for (seed, (shading, layout)) in (1..).zip(variants) {
+        let mut view = View::new(80, layout, rules(shading, Channels::Training), seed);
+        let (width, height) = (view.camera.width, view.camera.height);
+        let whole = view.picture(&mut exec)?;
+        for [x, y, part_width, part_height] in
+            [[0, 0, width, height], [33, 20, 1, 1], [10, 7, 30, 25], [48, 32, width - 48, height - 32], [5, 5, 0, 3]]
+        {
+            let scissor = Scissor { x, y, width: part_width, height: part_height };
+            view.camera.scissor = Some(scissor);
+            let part = view.picture(&mut exec)?;
+            let is_inside = |index: &usize| {
+                let (column, row) = (*index as u32 % width, *index as u32 / width % height);
+                (x..x + part_width).contains(&column) && (y..y + part_height).contains(&row)
+            };
+            let other = (0..whole.len()).filter(is_inside).find(|index| whole[*index] != part[*index]);
+            require(other.is_none(), || format!("{scissor:?}: number {other:?} is not that of the whole picture"))?;
+        }
+    }
+    Ok(())
+}
+
+/// Renders splats among surfaces of another renderer: a slope through the scene, none in some
+/// pixels, and one before everything in others.
+///
+/// # Errors
+///
+/// The fault.
+pub fn surfaces_hide_splats_or_are_refused_by_name<E: Renderer>(subject: &Subject<'_, E>) -> Result<(), String> {
+    /// Depths that are no slope, for the pixels with these remainders of their numbers.
+    const OTHERS: [(usize, f32); 3] = [(0, f32::INFINITY), (1, f32::NAN), (2, 0.0)];
+    const PERIOD: usize = 7;
+    let variants = [
+        (ShadingRules::PAPER, Layout::radiance(1), Channels::Color),
+        (ShadingRules::DEFERRED, Layout::shaded(Some(1)), Channels::Training),
+        (ShadingRules::PHYSICAL, Layout::shaded(None).physical(), Channels::Layers),
+    ];
+    let view_with = |(shading, layout, channels), seed| {
+        let view = View::new(200, layout, rules(shading, channels), seed);
+        let (distance, width) = (view.camera.position.length(), view.camera.width as usize);
+        let depth = |pixel: usize| match OTHERS.iter().find(|(number, _)| *number == pixel % PERIOD) {
+            Some((_, depth)) => *depth,
+            None => distance + 2.0 * ((pixel % width) as f32 / width as f32 - 0.5),
+        };
+        let occlusion = Some((0..view.pixels()).map(depth).collect());
+        View { occlusion, ..view }
+    };
+    let views: Vec<View> = (1..).zip(variants).map(|(seed, variant)| view_with(variant, seed)).collect();
+    computed_or_refused(subject, "surfaces", &views, |exec, view| {
+        let picture = view.picture(exec)?;
+        close(&picture, &view.exact(subject.storage()), view, "surfaces", same_planes(view.pixels()))?;
+        let open = View { occlusion: None, ..view.clone() }.picture(exec)?;
+        require(closeness(&picture, &open, view.pixels()) < 40.0, || "surfaces hide nothing".to_owned())?;
+        for (index, (number, without)) in picture.iter().zip(&open).enumerate() {
+            let pixel = index % view.pixels() % PERIOD;
+            let is_transmittance = index >= picture.len() - view.pixels();
+            let expected = match pixel {
+                0 | 1 => *without,
+                2 if is_transmittance => 1.0,
+                2 => 0.0,
+                _ => continue,
+            };
+            require(*number == expected, || format!("number {index} is {number}, not {expected}"))?;
+        }
+        Ok(())
+    })
+}
+
+/// Replaces some of the Gaussians, and refuses those that do not fit.
+///
+/// # Errors
+///
+/// The fault.
+pub fn changes_of_some_gaussians_are_written_or_refused_by_name<E: Renderer>(
+    subject: &Subject<'_, E>,
+) -> Result<(), String> {
+    let layout = Layout::shaded(Some(1));
+    let [mut before, after] =
+        [1, 2].map(|seed| View::new(100, layout, rules(ShadingRules::PAPER, Channels::Color), seed));
+    let mut exec = subject.executor();
+    let mut uploaded = exec.upload_gaussians(&before.gaussians).map_err(said)?;
+    let changed = 20..41;
+    if let Err(error) = exec.write_gaussians(&mut uploaded, &after.gaussians, changed.clone()) {
+        let expected = Unsupported::feature(Feature::PartialWrites);
+        let is_refused = !exec.has(Feature::PartialWrites) && error.to_string().contains(Feature::PartialWrites.name());
+        return require(is_refused, || format!("changes fail as {error}, not as {expected:?}"));
+    }
+    let light = before.light(&mut exec).map_err(said)?;
+    let frame = pipeline::render(&mut exec, &uploaded, light.as_ref(), &before.camera, &before.rules).map_err(said)?;
+    let written = before.read(&mut exec, &frame)?;
+    // Whole blocks.
+    let values = after.gaussians.changed_values(&before.gaussians, changed).map_err(said)?;
+    before.gaussians.values[values.clone()].copy_from_slice(&after.gaussians.values[values]);
+    require(written == before.picture(&mut exec)?, || "the changed Gaussians are not those of an upload".to_owned())?;
+    let shorter = random_cloud(99, layout, 3);
+    let other = random_cloud(100, Layout::shaded(None), 3);
+    for (wrong, range) in [(&after.gaussians, 90..101), (&shorter, 0..3), (&other, 0..3)] {
+        let accepted = exec.write_gaussians(&mut uploaded, wrong, range.clone()).is_ok();
+        require(!accepted, || format!("{} Gaussians of {:?} were written to {range:?}", wrong.count, wrong.layout))?;
+    }
+    Ok(())
 }

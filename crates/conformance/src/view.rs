@@ -4,10 +4,12 @@ use crate::{report::said, strategies::under_turned_light};
 pub use specula_core::pack::Storage;
 use specula_core::{
     camera::Camera,
+    cutoffs::Cutoffs,
     double::Double,
     executor::{Feature, Occluder, Renderer},
     lamps::Lamp,
     near_field::NearField,
+    pipeline,
     prefilter::PrefilterScheme,
     rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, Layout, RadianceActivation},
@@ -16,7 +18,7 @@ use specula_core::{
 use specula_oracle::{
     Lamps, Light, Operator, lift_environment, lift_gaussians,
     number::Number,
-    prefilter, render,
+    prefilter, render_occluded,
     scenes::{camera, random_cloud, random_environment},
 };
 use std::{
@@ -42,6 +44,8 @@ pub struct View {
     pub near_field: Option<NearField<Vec<f32>>>,
     /// Lamps, whose shadows the near field casts.
     pub lamps: Vec<Lamp>,
+    /// Depths of surfaces of another renderer, if there are any.
+    pub occlusion: Option<Vec<f32>>,
     /// The camera.
     pub camera: Camera,
     /// The rules.
@@ -62,6 +66,7 @@ impl View {
             environment: layout.is_shaded().then(|| random_environment(resolution, activation, seed)),
             near_field: None,
             lamps: Vec::new(),
+            occlusion: None,
             camera: if seed.is_multiple_of(3) { under_turned_light(still) } else { still },
             rules,
         }
@@ -116,7 +121,14 @@ impl View {
 
     fn frame_under<E: Renderer>(&self, exec: &mut E, light: Option<&E::Light>) -> Result<E::Frame, E::Error> {
         let gaussians = exec.upload_gaussians(&self.gaussians)?;
-        specula_core::pipeline::render(exec, &gaussians, light, &self.camera, &self.rules)
+        let Self { camera, rules, .. } = self;
+        match &self.occlusion {
+            None => pipeline::render(exec, &gaussians, light, camera, rules),
+            Some(depths) => {
+                let occlusion = exec.upload(depths)?;
+                pipeline::render_occluded(exec, &gaussians, light, camera, rules, &occlusion)
+            }
+        }
     }
 
     /// Picture of an executor: channels and transmittance, plane by plane.
@@ -182,7 +194,9 @@ impl View {
         let mut gaussians = self.gaussians.clone();
         storage.round(&mut gaussians);
         let light = self.reference_light::<R>(storage);
-        let frame = render(&lift_gaussians(&gaussians), light.as_ref(), &self.camera, &self.rules);
+        let (gaussians, occlusion) = (lift_gaussians(&gaussians), self.occlusion.as_deref());
+        let frame =
+            render_occluded(&gaussians, light.as_ref(), &self.camera, &self.rules, occlusion, &Cutoffs::DEFAULT);
         let (blended, size) = (self.rules.blended(self.gaussians.layout), self.pixels());
         let layers = (0..Channels::Layers.count()).filter(|layer| blended.contain(*layer));
         // The reference blends more channels than a picture of colours needs, and without Gaussians
@@ -201,6 +215,7 @@ impl View {
         let needs = [
             (self.near_field.is_some(), Feature::NearFields),
             (!self.lamps.is_empty(), Feature::Lamps),
+            (self.occlusion.is_some(), Feature::Occlusions),
             (network, Feature::LightNetworks),
             (self.environment.is_some() && self.rules.scheme == PrefilterScheme::Official, Feature::OfficialPrefilter),
         ];

@@ -145,6 +145,7 @@ impl Entry {
             focal_px: [self.fx, self.fy],
             principal_px: [self.cx.unwrap_or(centre_x), self.cy.unwrap_or(centre_y)],
             light_from_world: self.light_rotation.and_then(rotation_of).map(|light| light.transpose()),
+            scissor: None,
             near: NEAR,
             width: self.width,
             height: self.height,

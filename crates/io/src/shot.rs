@@ -176,6 +176,7 @@ pub(crate) fn camera_of(pose: &Pose, lens: &Lens) -> Camera {
         focal_px: lens.focal_px.map(|focal| focal as f32),
         principal_px: lens.principal_px.map(|principal| principal as f32),
         light_from_world: None,
+        scissor: None,
         near: NEAR,
         width: lens.width,
         height: lens.height,

@@ -234,13 +234,26 @@ pub fn render_within<R: Number>(
     rules: &RenderRules,
     cutoffs: &Cutoffs,
 ) -> Frame<R> {
+    render_occluded(gaussians, light, camera, rules, None, cutoffs)
+}
+
+/// [`render_within`] behind surfaces of another renderer: one depth for each pixel
+/// ([`mod@specula_core::occlusion`]).
+pub fn render_occluded<R: Number>(
+    gaussians: &Gaussians<Vec<R>>,
+    light: Option<&Light<R>>,
+    camera: &Camera,
+    rules: &RenderRules,
+    occlusion: Option<&[f32]>,
+    cutoffs: &Cutoffs,
+) -> Frame<R> {
     let (mut splats, perspectives) = project_within(gaussians, camera, cutoffs.projection());
     let colors = shade(gaussians, camera, light, rules);
     leave_out(&mut splats, gaussians, camera, rules);
     let order = front_to_back_within(&splats, cutoffs);
     let responses = (cutoffs.order() != BlendOrder::Mean).then(|| response_depths(gaussians, camera));
-    let frame =
-        blend_in_order(&splats, perspectives.as_deref(), responses.as_deref(), &colors, &order, camera, cutoffs);
+    let (perspectives, responses) = (perspectives.as_deref(), responses.as_deref());
+    let frame = blend_in_order(&splats, perspectives, responses, &colors, &order, camera, occlusion, cutoffs);
     if rules.is_deferred(gaussians.layout) { shade_pixels(&frame, light, camera, rules) } else { frame }
 }
 

@@ -6,6 +6,7 @@ use specula_core::{
     blend::{self, Composite, OffsetMoments, PixelState, Replay, StepGrad},
     camera::Camera,
     cutoffs::Cutoffs,
+    occlusion::is_hidden,
     order::ResponseDepth,
     perspective::{self, Perspective},
     scene::Image,
@@ -84,11 +85,12 @@ pub fn blend_within<R: Number>(
     camera: &Camera,
     cutoffs: &Cutoffs,
 ) -> Frame<R> {
-    blend_in_order(splats, perspectives, None, colors, order, camera, cutoffs)
+    blend_in_order(splats, perspectives, None, colors, order, camera, None, cutoffs)
 }
 
 /// [`blend_within`] in the order of the cutoffs, which needs the depths of responses; without them
-/// in `order`. Rows without a visible part of a splat are skipped, which changes nothing.
+/// in `order`. Splats behind the depths of an occlusion ([`mod@specula_core::occlusion`]) are left
+/// out. Rows without a visible part of a splat are skipped, which changes nothing.
 pub fn blend_in_order<R: Number>(
     splats: &[Splat<R>],
     perspectives: Option<&[Perspective<R>]>,
@@ -96,6 +98,7 @@ pub fn blend_in_order<R: Number>(
     colors: &[Vec<R>],
     order: &[usize],
     camera: &Camera,
+    occlusion: Option<&[f32]>,
     cutoffs: &Cutoffs,
 ) -> Frame<R> {
     let channels = colors.first().map_or(0, Vec::len);
@@ -112,8 +115,11 @@ pub fn blend_in_order<R: Number>(
             let hit = |k: &usize| {
                 let offset = offset(&splats[*k], pixel % width, row);
                 let strength = log2_strength(&splats2d[*k], perspective(*k), offset);
-                let depth = responses.map_or(0.0, |responses| responses[*k].at(offset).value());
-                cutoffs.passes_alpha_test(strength).then_some(Hit { splat: *k, strength, depth })
+                let depth = responses.map(|responses| responses[*k].at(offset));
+                let surface = occlusion.map_or(f32::INFINITY, |depths| depths[pixel]);
+                let is_visible = !is_hidden(depth.unwrap_or(splats[*k].depth), R::of(f64::from(surface)));
+                let depth = depth.map_or(0.0, Number::value);
+                (is_visible && cutoffs.passes_alpha_test(strength)).then_some(Hit { splat: *k, strength, depth })
             };
             let hits: Vec<Hit<R>> = near.iter().filter_map(hit).collect();
             let mut state = PixelState::open(R::of(1.0));

@@ -1,5 +1,6 @@
 //! Errors of scenes.
 
+use specula_core::{camera::Scissor, executor::Unsupported};
 use specula_cpu::CpuError;
 #[cfg(feature = "gpu")]
 use specula_gpu::GpuError;
@@ -61,6 +62,29 @@ pub enum SceneError {
     /// A single PLY file, which has no folder for pictures.
     #[error("a PLY file has no folder for pictures")]
     NoFolder,
+    /// A part that does not lie within the picture.
+    #[error("the part {part:?} is not in a picture of {width} × {height} pixels")]
+    Part {
+        /// The part.
+        part: Scissor,
+        /// Pixels in a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+    },
+    /// Memory of an engine that does not have the numbers of a frame.
+    #[error("{what} has {found} numbers, but needs {expected}")]
+    FrameMemory {
+        /// Name of the memory.
+        what: &'static str,
+        /// Its numbers.
+        found: usize,
+        /// Needed numbers.
+        expected: usize,
+    },
+    /// The backend of a renderer does not support a feature.
+    #[error(transparent)]
+    Unsupported(Unsupported),
     /// The backend of a renderer keeps its Gaussians and its light.
     #[error("the Gaussians and the light of this renderer cannot be replaced")]
     Immutable,

@@ -31,6 +31,7 @@
 //! | [`camera_set`], [`orbit`] | cameras of a model, of a file, or around a scene |
 //! | [`backdrop`], [`layer`], [`rendering`], [`picture_folder`] | pictures as files |
 //! | [`light_file`], [`environment`], [`prefiltered`] | lights from files, and for other programs |
+//! | [`FrameRequest`], [`Similarity`] | frames in an engine's memory; moved Gaussians |
 //! | [`number`], [`text`] | numbers and names as they are shown |
 //! | [`Lighting`], [`lamps`], [`ground`] | environments, suns, lamps, and their shadows |
 //! | [`export`], [`bake`], [`fusion`], [`upright`] | Gaussians and meshes for other programs |
@@ -46,6 +47,7 @@ mod error;
 pub mod export;
 pub mod following_light;
 pub mod foreground;
+mod frame;
 mod framing;
 pub mod fusion;
 pub mod ground;
@@ -66,12 +68,14 @@ mod renderer;
 pub mod rendering;
 mod scene;
 mod shading_model;
+mod similarity;
 pub mod text;
 pub mod training;
 pub mod upright;
 
 pub use device::{Device, ExecutorChoice, RenderOptions};
 pub use error::SceneError;
+pub use frame::{Behind, FrameRequest, Surfaces, Target};
 pub use layer::Layer;
 pub use lighting::Lighting;
 pub use opened::OpenedModel;
@@ -79,4 +83,5 @@ pub use overlap::overlap;
 pub use renderer::{RenderBackend, SceneRenderer, UploadedScene};
 pub use scene::Scene;
 pub use shading_model::{Shading, ShadingModel};
+pub use similarity::Similarity;
 pub use specula_mesh::surface::Surface;

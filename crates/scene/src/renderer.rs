@@ -7,16 +7,16 @@ use crate::{
     lamps::{SceneLamps, reflected_by},
     overlap::overlap,
 };
-use core::fmt;
+use core::{fmt, ops::Range};
 use specula_core::{
     camera::Camera,
     cutoffs::Cutoffs,
-    executor::{Occluder, Renderer},
+    executor::{Feature, Occluder, Renderer, Unsupported},
     light_network::LightNetworkError,
     near_field::NearField,
     pack::Storage,
     pipeline,
-    plan::Plan,
+    plan::{Needs, Plan},
     rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, Image},
 };
@@ -26,7 +26,7 @@ use specula_gpu::GpuExecutor;
 use specula_io::picture::{self, RgbImage};
 use specula_mesh::surface::Surface;
 use specula_train::{
-    evaluate::{over_background, render_view, rules_to_measure},
+    evaluate::{over_background, read_image, render_view, rules_to_measure},
     view::View,
 };
 use std::sync::Arc;
@@ -60,6 +60,33 @@ pub trait RenderBackend: Send {
     /// Lamps with a fault ([`specula_core::lamps::check`]), those of the executor, or
     /// [`SceneError::Immutable`].
     fn add_lamps(&mut self, slot: usize, lamps: &SceneLamps) -> Result<(), SceneError>;
+
+    /// Renders a view behind surfaces with these depths, one for each pixel
+    /// ([`mod@specula_core::occlusion`]).
+    ///
+    /// # Errors
+    ///
+    /// Those of the executor; [`SceneError::Unsupported`] by default.
+    fn render_occluded(
+        &mut self,
+        slot: usize,
+        camera: &Camera,
+        rules: &RenderRules,
+        depths: &[f32],
+    ) -> Result<Image<Vec<f32>>, SceneError> {
+        let _ = (slot, camera, rules, depths);
+        Err(SceneError::Unsupported(Unsupported::feature(Feature::Occlusions)))
+    }
+
+    /// Replaces some of the Gaussians by those with the same indices; lights stay.
+    ///
+    /// # Errors
+    ///
+    /// Those of the executor; [`SceneError::Immutable`] by default.
+    fn write_gaussians(&mut self, gaussians: &Gaussians<Vec<f32>>, range: Range<usize>) -> Result<(), SceneError> {
+        let _ = (gaussians, range);
+        Err(SceneError::Immutable)
+    }
 
     /// Replaces Gaussians, near field and lamps, and removes all lights.
     ///
@@ -234,6 +261,27 @@ where
         Ok(())
     }
 
+    fn render_occluded(
+        &mut self,
+        slot: usize,
+        camera: &Camera,
+        rules: &RenderRules,
+        depths: &[f32],
+    ) -> Result<Image<Vec<f32>>, SceneError> {
+        let Self { exec, gaussians, lights, .. } = self;
+        let light = lights.get(slot).and_then(Option::as_ref);
+        let render = |exec: &mut E| {
+            let occlusion = exec.upload(depths)?;
+            let frame = pipeline::render_occluded(exec, gaussians, light, camera, rules, &occlusion)?;
+            read_image(exec, &frame, gaussians.layout, camera, rules)
+        };
+        render(exec).map_err(Into::into)
+    }
+
+    fn write_gaussians(&mut self, gaussians: &Gaussians<Vec<f32>>, range: Range<usize>) -> Result<(), SceneError> {
+        self.exec.write_gaussians(&mut self.gaussians, gaussians, range).map_err(Into::into)
+    }
+
     fn set_scene(&mut self, scene: &Scene) -> Result<(), SceneError> {
         self.gaussians = self.exec.upload_gaussians(&scene.gaussians).map_err(Into::into)?;
         self.lights.clear();
@@ -296,9 +344,9 @@ impl Scene {
     }
 }
 
-/// Rules of pictures of a scene: with the stages that it needs, or with all.
-fn rules_of(scene: &Scene, channels: Channels, is_unplanned: bool) -> RenderRules {
-    let Plan { rules, full, .. } = scene.plan(channels);
+/// Rules of pictures of a scene with these needs: with the stages that it needs, or with all.
+fn rules_of(scene: &Scene, needs: &Needs, channels: Channels, is_unplanned: bool) -> RenderRules {
+    let Plan { rules, full, .. } = scene.plan_for(needs, channels);
     if is_unplanned { full } else { rules }
 }
 
@@ -313,6 +361,8 @@ pub struct SceneRenderer {
     channels: Channels,
     /// True if all stages run, needed or not.
     is_unplanned: bool,
+    /// Needs of the scene, which the rules meet.
+    needs: Needs,
     rules: RenderRules,
 }
 
@@ -374,7 +424,9 @@ impl SceneRenderer {
 
     /// Renderer on a backend with the Gaussians and the light of `scene`.
     pub fn with_backend(backend: Box<dyn RenderBackend>, scene: &Scene, channels: Channels) -> Self {
-        Self { backend, channels, is_unplanned: false, rules: rules_of(scene, channels, false) }
+        let needs = scene.needs();
+        let rules = rules_of(scene, &needs, channels, false);
+        Self { backend, channels, is_unplanned: false, needs, rules }
     }
 
     /// Renderer of a scene with rounded Gaussians.
@@ -384,14 +436,15 @@ impl SceneRenderer {
         is_unplanned: bool,
         options: &RenderOptions,
     ) -> Result<Self, SceneError> {
-        let rules = rules_of(scene, channels, is_unplanned);
+        let needs = scene.needs();
+        let rules = rules_of(scene, &needs, channels, is_unplanned);
         let light = scene.light_for(&rules);
         if let Some(Environment { resolution: resolution @ RESOLUTION_SLOW.., .. }) = light {
             tracing::info!("filtering a light of six times {resolution} × {resolution} texels; this takes a while");
         }
         let cutoffs = Cutoffs::DEFAULT.with_projection(options.projection).with_order(options.order);
         let backend = upload(options.open()?, scene, cutoffs, options.storage)?;
-        Self { backend, channels, is_unplanned, rules }.lit_by(light)
+        Self { backend, channels, is_unplanned, needs, rules }.lit_by(light)
     }
 
     fn lit_by(mut self, light: Option<Environment<Vec<f32>>>) -> Result<Self, SceneError> {
@@ -497,9 +550,38 @@ impl SceneRenderer {
     /// Those of the executor; [`SceneError::Immutable`] for backends that keep their scene.
     pub fn set_scene(&mut self, scene: &Scene) -> Result<(), SceneError> {
         self.backend.set_scene(scene)?;
-        self.rules = rules_of(scene, self.channels, self.is_unplanned);
+        self.needs = scene.needs();
+        self.rules = rules_of(scene, &self.needs, self.channels, self.is_unplanned);
         let light = scene.light_for(&self.rules);
         light.map_or(Ok(()), |light| self.backend.set_light(Self::SCENE_LIGHT, &light, &self.rules))
+    }
+
+    /// Uploads some Gaussians of a scene again, those in `range`, rounded to the storage of the
+    /// renderer ([`Scene::rounded`]). The scene has as many Gaussians as before; light, near field
+    /// and lamps are not read.
+    ///
+    /// Stages that only the changed Gaussians need run from now on. If these need a light, or
+    /// levels of it, that no other Gaussian needs, the whole scene is replaced as by
+    /// [`SceneRenderer::set_scene`], and the result is true: lights of other slots were removed.
+    ///
+    /// # Errors
+    ///
+    /// Another number of Gaussians or other planes than before, or a range beyond them; those of
+    /// [`SceneRenderer::set_scene`].
+    pub fn update(&mut self, scene: &Scene, range: Range<usize>) -> Result<bool, SceneError> {
+        self.backend.write_gaussians(&scene.gaussians, range.clone())?;
+        self.needs = self.needs.with(&scene.gaussians, range);
+        let rules = rules_of(scene, &self.needs, self.channels, self.is_unplanned);
+        if (rules.is_lit, rules.levels) != (self.rules.is_lit, self.rules.levels) {
+            self.set_scene(scene)?;
+            return Ok(true);
+        }
+        self.rules = rules;
+        Ok(false)
+    }
+
+    pub(crate) fn backend_mut(&mut self) -> &mut dyn RenderBackend {
+        &mut *self.backend
     }
 
     /// Rules of its pictures, without stages that the scene does not need.
@@ -548,5 +630,28 @@ mod tests {
             assert!(renderer.render(&camera).unwrap() == *expected);
             assert_eq!(renderer.rules(), fresh(scene).rules());
         }
+    }
+
+    #[test]
+    fn changed_gaussians_are_planned_and_drawn_as_in_a_new_renderer() {
+        let options = RenderOptions::full_precision(ExecutorChoice::Cpu);
+        let camera = Camera::look_at(Vec3::new(0.0, -2.0, 1.0), Vec3::ZERO, Vec3::Z, 0.7, 32, 24);
+        let mut changed = scene(-60.0, true);
+        // Without harmonics its tint is lost in rounding, and no light is filtered.
+        let last = changed.gaussians.layout.sh_end() - 1;
+        changed.gaussians.set(0, last, [0.0]);
+        let mut renderer = SceneRenderer::new(changed.clone(), Channels::Color, &options).unwrap();
+        let plain = renderer.render(&camera).unwrap();
+        // A move needs nothing new; a mirror needs light that was not filtered; a rough mirror
+        // needs other levels of it.
+        let changes: [(usize, f32, bool); 3] = [(MEAN, 0.1, false), (TINT, 1.0, true), (ROUGHNESS, 4.0, true)];
+        for (plane, number, is_whole) in changes {
+            changed.gaussians.set(0, plane, [number]);
+            assert_eq!(renderer.update(&changed, 0..1).unwrap(), is_whole, "plane {plane}");
+            let expected = SceneRenderer::new(changed.clone(), Channels::Color, &options).unwrap().render(&camera);
+            let actual = renderer.render(&camera).unwrap();
+            assert!(actual == expected.unwrap() && actual != plain, "plane {plane}");
+        }
+        assert!(matches!(renderer.update(&changed, 0..2), Err(SceneError::Cpu(_))), "there is one Gaussian");
     }
 }

@@ -65,8 +65,17 @@ impl Scene {
 
     /// Rules of pictures with these channels, with and without the stages that the scene needs.
     pub fn plan(&self, channels: Channels) -> Plan {
-        let needs = Needs::of(&self.gaussians).under(self.light.as_ref());
-        let plan = self.shading_model.plan(self.gaussians.layout, &needs, self.levels().as_ref(), channels);
+        self.plan_for(&self.needs(), channels)
+    }
+
+    /// Terms that Gaussians and light need; reads all numbers of both.
+    pub(crate) fn needs(&self) -> Needs {
+        Needs::of(&self.gaussians).under(self.light.as_ref())
+    }
+
+    /// [`Scene::plan`] for known needs.
+    pub(crate) fn plan_for(&self, needs: &Needs, channels: Channels) -> Plan {
+        let plan = self.shading_model.plan(self.gaussians.layout, needs, self.levels().as_ref(), channels);
         plan.tracing(self.near_field.is_some() && self.shading_model.traces_near()).illuminated(self.lamps.is_some())
     }
 

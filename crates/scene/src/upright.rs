@@ -1,15 +1,13 @@
 //! Upright placement of a scene for other programs: up along one of their axes, the centre at the
 //! origin, the cameras at a median distance of four units.
 //!
-//! With the rotation R, the centre c and the scale s, a point p becomes s R (p − c). Means, quats,
-//! log scales, normals and harmonics are transformed exactly; light is resampled.
+//! Gaussians are transformed exactly ([`Similarity`]); light is resampled.
 
+use crate::Similarity;
 use glam::{DMat3, DQuat, DVec3, Vec3};
 use specula_core::{
     camera::Camera,
-    scene::{Environment, Gaussians, LOG_SCALE, MEAN, QUAT, RadianceActivation},
-    sh::MAX_COUNT,
-    sh_turn,
+    scene::{Environment, Gaussians, RadianceActivation},
 };
 use specula_io::{
     glb::Placement,
@@ -24,9 +22,7 @@ const CAMERA_DISTANCE: f64 = 4.0;
 /// Similarity transform from the world of a scene to an upright one.
 #[derive(Clone, Copy, Debug)]
 pub struct Upright {
-    rotation: DMat3,
-    scale: f64,
-    centre: DVec3,
+    similarity: Similarity,
 }
 
 /// Axes of an upright world, right-handed.
@@ -60,37 +56,24 @@ impl Upright {
         let front = front.and_then(|camera| horizontal(camera.position.as_dvec3() - centre));
         let front = front.or_else(|| horizontal(DVec3::NEG_Y)).unwrap_or_else(|| up.any_orthonormal_vector());
         let y_up = DMat3::from_cols(up.cross(front), up, front).transpose();
-        Self { rotation: axes.rotation() * y_up, scale: CAMERA_DISTANCE / orientation.distance, centre }
+        let scale = CAMERA_DISTANCE / orientation.distance;
+        Self { similarity: Similarity { rotation: axes.rotation() * y_up, scale, centre, translation: DVec3::ZERO } }
     }
 
     /// Point, transformed.
     pub fn point(&self, point: [f32; 3]) -> [f32; 3] {
-        let moved = self.scale * (self.rotation * (DVec3::from(point.map(f64::from)) - self.centre));
-        moved.as_vec3().to_array()
+        self.similarity.point(point)
     }
 
     /// Direction, rotated, of the same length.
     pub fn direction(&self, direction: [f32; 3]) -> [f32; 3] {
-        (self.rotation * DVec3::from(direction.map(f64::from))).as_vec3().to_array()
+        self.similarity.direction(direction)
     }
 
-    /// Gaussians without shading attributes, transformed.
+    /// Gaussians, transformed.
     pub fn gaussians(&self, gaussians: &Gaussians<Vec<f32>>) -> Gaussians<Vec<f32>> {
         let mut upright = gaussians.clone();
-        let (turn, quat) = (sh_turn::turn(self.rows()), DQuat::from_mat3(&self.rotation));
-        let (start, count) = (gaussians.layout.sh_start(), gaussians.layout.sh_count());
-        for gaussian in 0..gaussians.count {
-            upright.set(gaussian, MEAN, self.point(gaussians.get(gaussian, MEAN)));
-            let [w, x, y, z] = gaussians.get::<4>(gaussian, QUAT).map(f64::from);
-            let turned = (quat * DQuat::from_xyzw(x, y, z, w)).as_quat();
-            upright.set(gaussian, QUAT, [turned.w, turned.x, turned.y, turned.z]);
-            let log_scales = gaussians.get::<3>(gaussian, LOG_SCALE);
-            upright.set(gaussian, LOG_SCALE, log_scales.map(|log_scale| log_scale + self.scale.ln() as f32));
-            let mut harmonics = [[0.0; 3]; MAX_COUNT];
-            (0..count).for_each(|k| harmonics[k] = gaussians.get(gaussian, start + 3 * k));
-            let harmonics = sh_turn::turned(&turn, &harmonics);
-            (0..count).for_each(|k| upright.set(gaussian, start + 3 * k, harmonics[k]));
-        }
+        self.similarity.transform(&mut upright, 0..gaussians.count);
         upright
     }
 
@@ -103,37 +86,35 @@ impl Upright {
 
     /// Camera with the same picture of the upright scene.
     pub fn camera(&self, camera: &Camera) -> Camera {
-        let world_from_upright = self.rotation.transpose().as_mat3();
+        let Similarity { rotation, scale, .. } = self.similarity;
+        let world_from_upright = rotation.transpose().as_mat3();
         Camera {
             camera_from_world: camera.camera_from_world * world_from_upright,
             position: Vec3::from(self.point(camera.position.to_array())),
-            near: camera.near * self.scale as f32,
+            near: camera.near * scale as f32,
             ..*camera
         }
     }
 
     /// Orientation in the scene's world of a lat-long map in the upright world.
     pub fn map_orientation(&self, map: UpAxis) -> MapOrientation {
-        MapOrientation::rotated(map, DQuat::from_mat3(&self.rotation.transpose()))
+        MapOrientation::rotated(map, DQuat::from_mat3(&self.similarity.rotation.transpose()))
     }
 
     /// Radiance of a cube map, rotated, bilinear between its texels.
     pub fn light(&self, values: &[f32], resolution: usize) -> Environment<Vec<f32>> {
-        let (axis, radians) = DQuat::from_mat3(&self.rotation).to_axis_angle();
+        let (axis, radians) = DQuat::from_mat3(&self.similarity.rotation).to_axis_angle();
         let values = latlong::rotated(values, resolution, axis.to_array(), radians);
         Environment { resolution, activation: RadianceActivation::Identity, values }
     }
 
     /// Transform of a glTF node, for numbers that stay in the scene's world.
     pub(crate) fn node_transform(&self) -> Placement {
+        let Similarity { rotation, scale, centre, .. } = self.similarity;
         Placement {
-            rotation: DQuat::from_mat3(&self.rotation).to_array(),
-            translation: (-self.scale * (self.rotation * self.centre)).to_array(),
-            scale: self.scale,
+            rotation: DQuat::from_mat3(&rotation).to_array(),
+            translation: (-scale * (rotation * centre)).to_array(),
+            scale,
         }
-    }
-
-    fn rows(&self) -> [[f64; 3]; 3] {
-        self.rotation.transpose().to_cols_array_2d()
     }
 }

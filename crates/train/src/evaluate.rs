@@ -9,7 +9,7 @@ use specula_core::{
     metrics::{angle_degrees, psnr, quantize},
     pipeline::render,
     rules::{Channels, RenderRules, channel},
-    scene::{Gaussians, Image},
+    scene::{Gaussians, Image, Layout},
     vector::vec3,
 };
 
@@ -65,10 +65,25 @@ pub fn render_view<E: Renderer>(
     rules: &RenderRules,
 ) -> Result<Image<Vec<f32>>, E::Error> {
     let frame = render(exec, gaussians, light, camera, rules)?;
+    read_image(exec, &frame, gaussians.layout, camera, rules)
+}
+
+/// Reads a frame that was rendered by these rules from Gaussians of a layout.
+///
+/// # Errors
+///
+/// Those of the executor.
+pub fn read_image<E: Renderer>(
+    exec: &mut E,
+    frame: &E::Frame,
+    layout: Layout,
+    camera: &specula_core::camera::Camera,
+    rules: &RenderRules,
+) -> Result<Image<Vec<f32>>, E::Error> {
     let (width, height) = (camera.width as usize, camera.height as usize);
-    let channels = rules.blended(gaussians.layout).count() + 1;
+    let channels = rules.blended(layout).count() + 1;
     let mut values = vec![0.0; channels * width * height];
-    exec.read_frame(&frame, &mut values)?;
+    exec.read_frame(frame, &mut values)?;
     Ok(Image { width, height, channels, values })
 }
 

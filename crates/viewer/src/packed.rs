@@ -549,6 +549,7 @@ impl PackedView {
             focal_px: self.focal,
             principal_px: self.principal,
             light_from_world: None,
+            scissor: None,
             near: self.near,
             width,
             height,

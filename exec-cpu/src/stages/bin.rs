@@ -14,7 +14,7 @@ use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
     bin::{TILE_SIZE, outline, span_in_rows, tile_count, tile_range},
-    camera::Camera,
+    camera::{Camera, TileWindow},
     real::Real,
     scene::BLOCK,
     splat::Footprint,
@@ -79,7 +79,8 @@ const SORT_PARTS: usize = 16;
 pub(crate) fn bin_all(context: &Context, splats: &Splats, camera: &Camera) -> Result<Tiles, CpuError> {
     let grid = [tile_count(camera.width), tile_count(camera.height)];
     let records = &splats.records;
-    let (order, spread) = rayon::join(|| depth_order(context, records), || spread_all(context, records, grid));
+    let window = camera.tile_window();
+    let (order, spread) = rayon::join(|| depth_order(context, records), || spread_all(context, records, &window));
     let (rows, emissions, spans) = spread?;
     Ok(sort_into_tiles(context, grid, &order, &Spread { rows, spans }, emissions))
 }
@@ -120,12 +121,12 @@ impl Spread {
     }
 }
 
-fn spread_all(context: &Context, records: &[SplatRecord], grid: [u32; 2]) -> Result<Spans, CpuError> {
+fn spread_all(context: &Context, records: &[SplatRecord], window: &TileWindow) -> Result<Spans, CpuError> {
     let mut rows = context.take::<RowRange>(records.len() + 1);
     rows.par_chunks_mut(GAUSSIANS_AT_ONCE).zip(records.par_chunks(GAUSSIANS_AT_ONCE)).for_each(|(rows, records)| {
         dispatch!(context.level, _simd => {
             for (rows, record) in rows.iter_mut().zip(records) {
-                *rows = row_range(record, grid[1]);
+                *rows = row_range(record, window.rows);
             }
         });
     });
@@ -149,7 +150,7 @@ fn spread_all(context: &Context, records: &[SplatRecord], grid: [u32; 2]) -> Res
         let (spans, first_span) = (spans.only(), spans_of(part));
         dispatch!(context.level, simd => {
             for ((records, rows), counts) in blocks.zip(counts.only().chunks_mut(BLOCK)) {
-                spread_block(simd, records, rows, grid[0], first_span, spans, counts);
+                spread_block(simd, records, rows, window.columns, first_span, spans, counts);
             }
         });
     });
@@ -169,12 +170,12 @@ fn sum_so_far(total: u64) -> Result<u32, CpuError> {
 }
 
 #[inline(always)]
-fn row_range(record: &SplatRecord, rows: u32) -> RowRange {
+fn row_range(record: &SplatRecord, rows: [u32; 2]) -> RowRange {
     if !(record.reach > 0.0) {
         return RowRange::default();
     }
     let (y, half) = (record.mean2d[1], record.half_extent[1]);
-    let [first, end] = tile_range(y - half, y + half, rows as f32).map(|tile| tile as u16);
+    let [first, end] = tile_range(y - half, y + half, rows.map(|row| row as f32)).map(|tile| tile as u16);
     RowRange { first_span: 0, first, count: end.saturating_sub(first) }
 }
 
@@ -185,14 +186,14 @@ fn spread_block<S: Simd>(
     simd: S,
     records: &[SplatRecord],
     rows: &[RowRange],
-    columns: u32,
+    columns: [u32; 2],
     first_span: usize,
     spans: &mut [Span],
     counts: &mut [u32],
 ) {
     let (footprint, half_width) = footprints(simd, records);
     let outline = outline(&footprint);
-    let columns = Lanes::splat(simd, columns as f32);
+    let columns = columns.map(|column| Lanes::splat(simd, column as f32));
     let x = footprint.mean2d[0];
     let whole = tile_range(x - half_width, x + half_width, columns);
     let mut row_lanes = [[0.0; BLOCK]; 2];

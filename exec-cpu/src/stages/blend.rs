@@ -13,6 +13,7 @@ use crate::{
     stages::{
         bin::Tiles,
         blend_in_order::{Ordered, blend_in_order},
+        occlusion::{Surfaces, visible_part},
         project::{ResponseRecord, Splats},
         shade::Colors,
         splat_batch::{BatchedSplat, SPLATS_AT_ONCE, SplatBatch, centers_of},
@@ -51,16 +52,26 @@ pub(crate) fn blend_all(
     colors: &Colors,
     tiles: &Tiles,
     camera: &Camera,
+    occlusion: Option<&[f32]>,
     cutoffs: &Cutoffs,
 ) -> Frame {
     let responses = splats.responses.as_deref();
+    let size = [camera.width as usize, camera.height as usize];
+    let surfaces = occlusion.map(|depths| Surfaces { depths, size, records: &splats.records });
+    let surfaces = surfaces.as_ref();
     match &splats.in_perspective {
         None => {
             let records = &splats.records;
-            with_channels!(colors.channels, blend_channels(context, records, responses, colors, tiles, camera, cutoffs))
+            with_channels!(
+                colors.channels,
+                blend_channels(context, records, responses, colors, tiles, size, surfaces, cutoffs)
+            )
         }
         Some(splats) => {
-            with_channels!(colors.channels, blend_channels(context, splats, responses, colors, tiles, camera, cutoffs))
+            with_channels!(
+                colors.channels,
+                blend_channels(context, splats, responses, colors, tiles, size, surfaces, cutoffs)
+            )
         }
     }
 }
@@ -71,7 +82,8 @@ fn blend_channels<const C: usize>(
     responses: Option<&[ResponseRecord]>,
     colors: &Colors,
     tiles: &Tiles,
-    camera: &Camera,
+    [width, height]: [usize; 2],
+    surfaces: Option<&Surfaces<'_>>,
     cutoffs: &Cutoffs,
 ) -> Frame {
     let cover = tiles.cover.clone();
@@ -83,18 +95,23 @@ fn blend_channels<const C: usize>(
     each_part(count, parts, &|slot, (pixels, seen): (Pieces<'_, Quad>, Pieces<'_, u16>)| {
         let list = tiles.of_covered(slot);
         let (origin, pixels, seen) = (cover.origin(slot), pixels.only(), seen.only());
+        let tile = cover.tile_position(slot);
         match responses {
-            None => dispatch!(context.level, simd => {
-                blend_tile::<_, C, _>(simd, splats, &colors.values, list, origin, cutoffs, pixels, seen);
-            }),
+            None => {
+                let visible = surfaces.map(|surfaces| surfaces.visible_in_tile(tile, list));
+                let visible = visible.as_ref();
+                dispatch!(context.level, simd => {
+                    blend_tile::<_, C, _>(simd, splats, &colors.values, list, origin, visible, cutoffs, pixels, seen);
+                });
+            }
             Some(responses) => {
+                let surfaces = surfaces.map(|surfaces| surfaces.of_tile(tile));
                 let (colors, channels) = (&colors.values, C);
-                let ordered = Ordered { splats, responses, colors, channels, list, origin, cutoffs };
+                let ordered = Ordered { splats, responses, colors, channels, list, origin, surfaces, cutoffs };
                 blend_in_order(context.level, &ordered, pixels, seen);
             }
         }
     });
-    let (width, height) = (camera.width as usize, camera.height as usize);
     Frame {
         width,
         height,
@@ -116,6 +133,7 @@ fn blend_tile<S: Simd, const C: usize, T: BatchedSplat>(
     colors: &[f32],
     list: &[AtomicU32],
     origin: [f32; 2],
+    visible: Option<&[[u32; BLOCK]; QUADS]>,
     cutoffs: &Cutoffs,
     pixels: &mut [Quad],
     seen: &mut [u16],
@@ -126,16 +144,26 @@ fn blend_tile<S: Simd, const C: usize, T: BatchedSplat>(
     let (channels, last) = (channels.as_chunks_mut::<C>().0, &mut last[..QUADS]);
     let mut transmittance = [[1.0; BLOCK]; QUADS];
     let (mut batch, mut near) = (T::Batch::EMPTY, [[0.0; C]; SPLATS_AT_ONCE]);
-    for (list, seen) in list.chunks(SPLATS_AT_ONCE).zip(seen.chunks_mut(SPLATS_AT_ONCE)) {
+    let batches = list.chunks(SPLATS_AT_ONCE).zip(seen.chunks_mut(SPLATS_AT_ONCE)).enumerate();
+    for (index, (list, seen)) in batches {
         if transmittance.iter().all(|quad| cutoffs.is_active(Lanes::load(simd, quad)).bits() == 0) {
             seen.fill(0);
             continue;
         }
         read_colors(&mut near, colors, list);
         let mut seen_by_quad = [0; QUADS];
-        for (quad, splats) in batch.read(simd, splats, origin, list, cutoffs).into_iter().enumerate() {
-            let state = [&mut transmittance[quad], &mut last[quad]];
-            seen_by_quad[quad] = blend_quad(simd, &batch, &near, quad, splats, cutoffs, &mut channels[quad], state);
+        for (quad, mut splats) in batch.read(simd, splats, origin, list, cutoffs).into_iter().enumerate() {
+            while splats != 0 {
+                let part = match visible {
+                    None => splats,
+                    Some(visible) => {
+                        visible_part(&visible[quad], index * SPLATS_AT_ONCE, splats, &mut transmittance[quad])
+                    }
+                };
+                splats &= !part;
+                let state = [&mut transmittance[quad], &mut last[quad]];
+                seen_by_quad[quad] |= blend_quad(simd, &batch, &near, quad, part, cutoffs, &mut channels[quad], state);
+            }
         }
         transpose_back(simd, &seen_by_quad, seen);
     }
@@ -156,7 +184,7 @@ fn blend_quad<S: Simd, const C: usize>(
 ) -> u64 {
     let front = Lanes::load(simd, transmittance);
     let mut alive = cutoffs.is_active(front);
-    if splats == 0 || alive.bits() == 0 {
+    if alive.bits() == 0 {
         return 0;
     }
     // Pixels that have ended get zero: an unused product would become denormal, and slow.

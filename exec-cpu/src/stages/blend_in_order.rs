@@ -22,6 +22,7 @@ use fearless_simd::{Level, Simd, dispatch};
 use specula_core::{
     blend::{Composite, PixelState},
     cutoffs::Cutoffs,
+    occlusion::is_hidden,
     real::Real,
     scene::BLOCK,
 };
@@ -37,6 +38,8 @@ pub(crate) struct Ordered<'a, T> {
     pub(crate) list: &'a [AtomicU32],
     /// Corner of the tile.
     pub(crate) origin: [f32; 2],
+    /// Depths of surfaces in front of splats, quad by quad.
+    pub(crate) surfaces: Option<[Quad; QUADS]>,
     pub(crate) cutoffs: &'a Cutoffs,
 }
 
@@ -176,6 +179,9 @@ fn blend_tile<S: Simd, T: BatchedSplat>(simd: S, ordered: &Ordered<'_, T>, pixel
                 let position = index * SPLATS_AT_ONCE + k;
                 turn.weights[position] = [0.0; BLOCK];
                 for lane in Bits(hits as u16) {
+                    if ordered.surfaces.as_ref().is_some_and(|surfaces| is_hidden(depths[lane], surfaces[quad][lane])) {
+                        continue;
+                    }
                     let hit = Hit { depth: depths[lane], alpha: alphas[lane], position: position as u32 };
                     match window {
                         Some(window) => waiting[lane].insert(hit, window),

@@ -192,6 +192,28 @@ impl Context {
         Ok(chunked)
     }
 
+    /// Records a write of numbers, of 32 bits each, from the number `first` of all chunks on.
+    ///
+    /// # Errors
+    ///
+    /// Errors that the device reported since the last call.
+    pub(crate) fn write_chunks<T: Pod>(
+        &mut self,
+        chunked: &ChunkedArray,
+        first: usize,
+        values: &[T],
+    ) -> Result<(), GpuError> {
+        let (mut start, end) = (0, first + values.len());
+        for array in &chunked.arrays {
+            let part = first.max(start)..end.min(start + array.len());
+            if !part.is_empty() {
+                self.write_at(array, part.start - start, &values[part.start - first..part.end - first])?;
+            }
+            start += array.len();
+        }
+        Ok(())
+    }
+
     /// Downloads all chunks. Blocks until the device is done.
     ///
     /// # Errors

@@ -59,7 +59,7 @@ impl Context {
     pub(crate) fn upload<T: Pod>(&mut self, what: &'static str, values: &[T]) -> Result<Array, GpuError> {
         let bytes: &[u8] = bytemuck::cast_slice(values);
         let array = self.allocate(what, bytes.len().div_ceil(4))?;
-        write(&self.gpu, self.recorder.encoder(&self.gpu), &array, bytes)?;
+        write(&self.gpu, self.recorder.encoder(&self.gpu), &array, 0, bytes)?;
         Ok(array)
     }
 
@@ -69,7 +69,16 @@ impl Context {
     ///
     /// Errors that the device reported since the last call.
     pub(crate) fn write<T: Pod>(&mut self, array: &Array, values: &[T]) -> Result<(), GpuError> {
-        write(&self.gpu, self.recorder.encoder(&self.gpu), array, bytemuck::cast_slice(values))
+        self.write_at(array, 0, values)
+    }
+
+    /// Records a write of values from an element of an array on.
+    ///
+    /// # Errors
+    ///
+    /// Errors that the device reported since the last call.
+    pub(crate) fn write_at<T: Pod>(&mut self, array: &Array, first: usize, values: &[T]) -> Result<(), GpuError> {
+        write(&self.gpu, self.recorder.encoder(&self.gpu), array, first, bytemuck::cast_slice(values))
     }
 
     /// Downloads elements of an array from `first` on. Blocks until the device is done.

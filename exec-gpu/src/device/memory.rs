@@ -135,13 +135,19 @@ pub(crate) fn filled(gpu: &Gpu, bytes: &[u8], usage: BufferUsages) -> Result<Buf
     Ok(buffer)
 }
 
-/// Records a write of bytes to the start of an array, after all commands recorded before.
-pub(crate) fn write(gpu: &Gpu, encoder: &mut CommandEncoder, array: &Array, bytes: &[u8]) -> Result<(), GpuError> {
+/// Records a write of bytes from an element of an array on, after all commands recorded before.
+pub(crate) fn write(
+    gpu: &Gpu,
+    encoder: &mut CommandEncoder,
+    array: &Array,
+    first: usize,
+    bytes: &[u8],
+) -> Result<(), GpuError> {
     if bytes.is_empty() {
         return Ok(());
     }
     let staging = filled(gpu, bytes, BufferUsages::COPY_SRC)?;
-    encoder.copy_buffer_to_buffer(&staging, 0, array.buffer(), 0, Some(bytes.len() as u64));
+    encoder.copy_buffer_to_buffer(&staging, 0, array.buffer(), 4 * first as u64, Some(bytes.len() as u64));
     Ok(())
 }
 

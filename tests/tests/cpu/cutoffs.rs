@@ -5,17 +5,19 @@ use specula_core::{
     camera::Camera,
     cutoffs::{Cutoffs, ProjectionModel},
     double::Double,
+    dual::Dual,
     executor::Renderer,
     pipeline::render,
     prefilter::{LevelRange, PrefilterScheme},
     rules::{Channels, RenderRules},
-    scene::{Environment, Gaussians, Layout, OPACITY, RadianceActivation},
+    scene::{Environment, Gaussians, LOG_SCALE, Layout, OPACITY, RadianceActivation},
     shade::ShadingRules,
 };
 use specula_cpu::{CpuError, CpuExecutor, CpuViewer, frame::Frame, stages::prefilter::Light};
 use specula_tests::{
     compare::{assert_psnr, psnr},
     formulas::camera,
+    number::Number,
     plain::{self, lift_environment, lift_gaussians},
     strategies::{random_cloud, random_environment},
 };
@@ -164,4 +166,40 @@ fn thresholds_of_zero_become_the_least_threshold() {
         (nothing.passes_alpha_test(-39.863_12_f32)) && !nothing.passes_alpha_test(-39.864_f32),
         "2^-39.8631 is 1e-12"
     );
+}
+
+/// Relative difference of a slope and of finite differences with a step of [`STEP`], of formulas
+/// without a jump: the third derivative.
+const SMOOTH_SLOPE: f64 = 1e-3;
+/// Step of finite differences, in units of log scales.
+const STEP: f64 = 2e-3;
+
+/// Mean square of a plain picture whose Gaussians have grown by `growth`, in log scales.
+fn mean_square<R: Number>(cloud: &Gaussians<Vec<f32>>, growth: R, cutoffs: &Cutoffs) -> R {
+    let mut grown = lift_gaussians::<R>(cloud);
+    for gaussian in 0..grown.count {
+        for plane in LOG_SCALE..LOG_SCALE + 3 {
+            let index = grown.index_of(gaussian, plane);
+            grown.values[index] = grown.values[index] + growth;
+        }
+    }
+    let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Color);
+    let values = plain::render_within(&grown, None, &view(), &rules, cutoffs).values;
+    let count = values.len() as f64;
+    values.into_iter().fold(R::of(0.0), |sum, x| sum + x * x * R::of(1.0 / count))
+}
+
+#[test]
+fn finite_differences_see_the_edge_of_the_cut_and_gradients_do_not() {
+    let cloud = random_cloud(300, Layout::radiance(0), 5);
+    let uncut = Cutoffs::DEFAULT.with_alpha_min(0.0).with_transmittance_min(0.0);
+    let difference = |cutoffs: &Cutoffs| {
+        let Dual { slope, .. } = mean_square(&cloud, Dual::variable(0.0), cutoffs);
+        let [before, after] = [-STEP, STEP].map(|growth| mean_square(&cloud, Double(growth), cutoffs).0);
+        let measured = (after - before) / (2.0 * STEP);
+        println!("slope {slope}, finite differences {measured}: {:.1e} apart", (measured - slope).abs() / slope.abs());
+        (measured - slope).abs() / slope.abs()
+    };
+    assert!(difference(&uncut) < SMOOTH_SLOPE, "the gradient is that of the formulas");
+    assert!(difference(&Cutoffs::DEFAULT) > 5.0 * SMOOTH_SLOPE, "pixels that a growing splat reaches jump by 1/255");
 }

@@ -6,9 +6,10 @@ use specula_core::{
         BlendOrder::{self, Mean, Pixel, Window},
         Cutoffs, WINDOW_MAX,
     },
+    double::Double,
     executor::Renderer,
     pack::Storage,
-    pipeline::render,
+    pipeline::{render, render_occluded},
     prefilter::PrefilterScheme,
     rules::{Channels, RenderRules},
     scene::{Gaussians, Layout, OPACITY},
@@ -18,10 +19,11 @@ use specula_cpu::CpuViewer;
 use specula_gpu::{
     GpuExecutor,
     stages::{
-        blend_in_order::formulas::{AlphaOf, BlendAlpha, DepthAt},
+        blend_in_order::formulas::{AlphaOf, BlendAlpha, DepthAt, IsHidden},
         response::formulas::ResponseOf,
     },
 };
+use specula_oracle::{self as oracle, lift_gaussians};
 use specula_tests::{
     compare::{assert_psnr, psnr},
     device::{executor, executor_in_chunks_of},
@@ -68,6 +70,7 @@ fn every_formula_of_an_order_is_on_the_device_what_it_is_on_the_host() {
     let response = [[-0.02, 0.02], [-0.02, 0.02], [0.0, 0.05], [-0.05, 0.05], [0.0, 0.05], [0.5, 9.0]];
     let rows = uniform_rows(2, &[&response[..], &[[-20.0, 20.0]; 2]].concat());
     assert_same(gpu, &DepthAt, &rows);
+    assert_same(gpu, &IsHidden, &uniform_rows(4, &[[0.5, 9.0]; 2]));
     for channels in [3, 8, 12] {
         let mut bounds = vec![[0.0, 0.99]];
         bounds.extend(vec![[-1.0, 1.0]; channels]);
@@ -83,7 +86,7 @@ fn no_formula_of_an_order_is_left_out() {
         include_str!("../../../exec-gpu/src/stages/blend_in_order/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/response/formulas.rs"),
     ];
-    assert_every_formula_has_a_case(&formulas, include_str!("order.rs"), 4);
+    assert_every_formula_has_a_case(&formulas, include_str!("order.rs"), 5);
 }
 
 #[test]
@@ -101,6 +104,41 @@ fn both_executors_render_the_same_pictures_in_every_order() {
             assert_psnr(&ours, &theirs, SAME_FRAME);
             assert!(order != Pixel || psnr(&theirs, &by_means) < 45.0, "orders differ");
         }
+    }
+}
+
+/// Picture behind surfaces of another renderer.
+fn picture_behind<E: Renderer>(exec: &mut E, cloud: &Gaussians<Vec<f32>>, camera: &Camera, depths: &[f32]) -> Vec<f64> {
+    let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Color);
+    let uploaded = exec.upload_gaussians(cloud).expect("numbers fit");
+    let depths = exec.upload(depths).expect("numbers fit");
+    let frame = render_occluded(exec, &uploaded, None, camera, &rules, &depths).expect("the executor renders");
+    let mut values = vec![0.0; (Channels::Color.count() + 1) * (camera.width * camera.height) as usize];
+    exec.read_frame(&frame, &mut values).expect("the frame has that size");
+    values.iter().map(|x| f64::from(*x)).collect()
+}
+
+#[test]
+fn surfaces_hide_the_same_splats_in_every_order() {
+    let Some(mut gpu) = viewer() else { return };
+    let camera = camera(70, 45);
+    let (cloud, width) = (random_cloud(600, LAYOUT, 7), camera.width as usize);
+    let slope = |pixel: usize| camera.position.length() + 2.0 * ((pixel % width) as f32 / width as f32 - 0.5);
+    let depths: Vec<f32> = (0..width * camera.height as usize).map(slope).collect();
+    let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Color);
+    for order in ORDERS {
+        gpu.set_order(order);
+        let cutoffs = Cutoffs::DEFAULT.with_order(order);
+        let ours = picture_behind(&mut gpu, &cloud, &camera, &depths);
+        let theirs = picture_behind(&mut on_cpu(order), &cloud, &camera, &depths);
+        let lifted = lift_gaussians::<Double>(&cloud);
+        let exact = oracle::render_occluded(&lifted, None, &camera, &rules, Some(&depths), &cutoffs);
+        let exact: Vec<f64> = exact.values.iter().map(|x| x.0).collect();
+        let open = picture(&mut on_cpu(order), &cloud, &camera, Channels::Color);
+        println!("{order:?}: {:.1} dB, {:.1} dB from the oracle", psnr(&ours, &theirs), psnr(&theirs, &exact));
+        assert_psnr(&ours, &theirs, SAME_FRAME);
+        assert_psnr(&theirs, &exact, SAME_FRAME);
+        assert!(psnr(&theirs, &open) < 35.0, "surfaces hide splats");
     }
 }
 

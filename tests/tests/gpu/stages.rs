@@ -17,7 +17,7 @@ use specula_gpu::{
     GpuExecutor, KernelSet,
     codegen::real::{Exp2Fraction, Log2Mantissa},
     stages::{
-        blend::formulas::{BlendEnd, BlendSplat, BlendStart, PixelBlock},
+        blend::formulas::{BlendEnd, BlendSplat, BlendStart, EndPixels, PixelBlock, ReadSurfaces},
         light::formulas::{LevelOf, TexelsAt},
         outline::formulas::{OutlineOf, TileColumns, TileRows},
         project::formulas::SplatOf,
@@ -64,15 +64,19 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
         bounds.extend(vec![[-1.0, 1.0]; block.count() * channels]);
         assert_same(gpu, &BlendSplat { block, channels }, &uniform_rows(4, &bounds));
         assert_same(gpu, &BlendEnd { block }, &uniform_rows(3, &vec![[0.0, 1.0]; block.count()]));
+        assert_same(gpu, &ReadSurfaces { block }, &uniform_rows(3, &vec![[0.5, 9.0]; block.count()]));
+        let mut bounds = vec![[0.5, 9.0]; 1 + block.count()];
+        bounds.extend(vec![[0.0, 1.0]; block.count()]);
+        assert_same(gpu, &EndPixels { block }, &uniform_rows(4, &bounds));
     }
     assert_same(gpu, &TexelsAt, &uniform_rows(5, &[[-1.0, -0.1], [0.2, 0.8], [-1.0, 1.0], [16.0, 16.0]]));
     let levels = Levels::new(PrefilterScheme::Exact, 64).as_slice().to_vec();
     assert_same(gpu, &LevelOf { levels }, &uniform_rows(6, &[[0.0, 1.0]]));
     let shape = [[0.0, 70.0], [0.0, 45.0], [0.2, 1.0], [-0.3, 0.3], [0.2, 1.0], [1.0, 3.0]];
     assert_same(gpu, &OutlineOf, &uniform_rows(10, &shape));
-    assert_same(gpu, &TileRows, &uniform_rows(11, &[[-20.0, 90.0], [0.5, 30.0], [5.0, 5.0]]));
+    assert_same(gpu, &TileRows, &uniform_rows(11, &[[-20.0, 90.0], [0.5, 30.0], [0.0, 2.0], [5.0, 5.0]]));
     let outline = [[-9.0, 90.0], [0.0, 45.0], [-0.5, 0.5], [1.0, 90.0], [0.1, 0.5], [-3.0, 3.0], [3.0, 9.0]];
-    let rows = uniform_rows(12, &[&outline[..], &[[0.0, 3.0], [5.0, 5.0]]].concat());
+    let rows = uniform_rows(12, &[&outline[..], &[[0.0, 3.0], [0.0, 2.0], [5.0, 5.0]]].concat());
     assert_same(gpu, &TileColumns, &rows);
 
     let compensated = Layout { low_pass: LowPass::Compensated, ..Layout::radiance(0) };
@@ -113,7 +117,7 @@ fn no_formula_is_left_out() {
         include_str!("../../../exec-gpu/src/stages/shade/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/blend/formulas.rs"),
     ];
-    assert_every_formula_has_a_case(&formulas, include_str!("stages.rs"), 14);
+    assert_every_formula_has_a_case(&formulas, include_str!("stages.rs"), 16);
 }
 
 #[test]

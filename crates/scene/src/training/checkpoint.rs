@@ -131,8 +131,17 @@ fn checksum<'a>(pictures: impl Iterator<Item = PictureSum<'a>>) -> String {
     let mut sum = crc32fast::Hasher::new();
     for PictureSum { name, camera, pixels } in pictures {
         // The near plane follows from the cameras' positions.
-        let Camera { camera_from_world, position, focal_px, principal_px, near: _, width, height, light_from_world } =
-            *camera;
+        let Camera {
+            camera_from_world,
+            position,
+            focal_px,
+            principal_px,
+            near: _,
+            width,
+            height,
+            light_from_world,
+            scissor: _,
+        } = *camera;
         let numbers = camera_from_world.to_cols_array().into_iter().chain(position.to_array());
         let light = light_from_world.iter().flat_map(glam::Mat3::to_cols_array);
         sum.update(name.as_bytes());

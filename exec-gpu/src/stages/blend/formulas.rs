@@ -3,6 +3,7 @@
 use crate::codegen::formula::{Field, call, formula, variable};
 use specula_core::{
     blend::{PixelState, alpha, falloff, step},
+    occlusion::is_hidden,
     splat::Splat2d,
 };
 
@@ -68,6 +69,37 @@ formula!(BlendEnd, |this, inputs| blend_end(
     ..[variable("final_transmittance", this.block.count())]
 ) -> (..[call("store_pixel", this.block.count())]) {
     inputs.slice(this.block.count()).to_vec()
+});
+
+/// Depths of the surfaces of another renderer in the pixels, in the shader's variable `surfaces`.
+#[derive(Clone, Copy, Debug)]
+pub struct ReadSurfaces {
+    /// Pixels of the invocation.
+    pub block: PixelBlock,
+}
+
+formula!(ReadSurfaces, |this, inputs| read_surfaces(
+    ..[call("surface_at", this.block.count())]
+) -> (..[variable("surfaces", this.block.count())]) {
+    inputs.slice(this.block.count()).to_vec()
+});
+
+/// End of the pixels from which a surface hides a splat ([`specula_core::occlusion::is_hidden`]),
+/// and so all later ones.
+#[derive(Clone, Copy, Debug)]
+pub struct EndPixels {
+    /// Pixels of the invocation.
+    pub block: PixelBlock,
+}
+
+formula!(EndPixels, |this, inputs| end_pixels(
+    depth: 1,
+    ..[variable("surfaces", this.block.count()), variable("transmittance", this.block.count())]
+) -> (..[variable("transmittance", this.block.count())]) {
+    let (depth, count) = (inputs.number(), this.block.count());
+    let (surfaces, transmittances) = (inputs.slice(count), inputs.slice(count));
+    let ended = |(surface, transmittance): (&R, &R)| R::select(is_hidden(depth, *surface), depth.zero(), *transmittance);
+    surfaces.iter().zip(transmittances).map(ended).collect::<Vec<R>>()
 });
 
 /// Compositing of one splat over the pixels of an invocation ([`specula_core::blend::step`]): their

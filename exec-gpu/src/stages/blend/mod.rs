@@ -25,7 +25,7 @@ use crate::{
     },
 };
 use core::iter;
-use formulas::{BlendEnd, BlendSplat, BlendStart, PixelBlock};
+use formulas::{BlendEnd, BlendSplat, BlendStart, EndPixels, PixelBlock, ReadSurfaces};
 use specula_core::{camera::Camera, cutoffs::TRANSMITTANCE_MIN};
 
 pub mod formulas;
@@ -81,9 +81,20 @@ pub(crate) fn rasteriser(block: PixelBlock, channel_count: usize) -> Source {
         .part(|source| color(source, channel_count))
 }
 
-pub(crate) fn source(kernels: KernelSet, channel_count: usize) -> String {
+/// Appends the surfaces of another renderer, or none.
+fn surfaces(source: Source, block: PixelBlock, is_occluded: bool) -> Source {
+    if !is_occluded {
+        return source.with(include_str!("no_surfaces.wgsl"));
+    }
+    let source = source.formula(&ReadSurfaces { block }).formula(&EndPixels { block });
+    source.with(include_str!("surfaces.wgsl"))
+}
+
+pub(crate) fn source(kernels: KernelSet, channel_count: usize, is_occluded: bool) -> String {
     let block = block_of(kernels);
-    let source = rasteriser(block, channel_count).formula(&BlendSplat { block, channels: channel_count });
+    let source = rasteriser(block, channel_count)
+        .formula(&BlendSplat { block, channels: channel_count })
+        .part(|source| surfaces(source, block, is_occluded));
     let source = match kernels {
         KernelSet::Software => source.with(include_str!("blend.wgsl")),
         KernelSet::Hardware => source
@@ -112,13 +123,14 @@ pub(crate) fn blend(
     colors: &Colors,
     tiles: &Tiles,
     camera: &Camera,
+    occlusion: Option<&Array>,
 ) -> Result<Frame, GpuError> {
-    let (kernels, channels) = (context.kernels, colors.channels);
+    let (kernels, channels, is_occluded) = (context.kernels, colors.channels, occlusion.is_some());
     let kernel = Kernel {
-        key: &format!("{channels} channels, {kernels:?}"),
+        key: &format!("{channels} channels, {kernels:?}, occluded {is_occluded}"),
         entry: "blend",
-        source: &|| source(kernels, channels),
-        others: &[],
+        source: &|| source(kernels, channels, is_occluded),
+        others: occlusion.as_slice(),
     };
     rasterise(context, splats, colors, tiles, camera, &kernel)
 }

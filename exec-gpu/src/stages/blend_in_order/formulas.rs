@@ -6,6 +6,7 @@ use crate::{
 };
 use specula_core::{
     blend::{PixelState, alpha, falloff, step},
+    occlusion::is_hidden,
     order::ResponseDepth,
     splat::Splat2d,
 };
@@ -30,6 +31,15 @@ pub struct DepthAt;
 formula!(DepthAt, |_, inputs| depth_at(slope: 2, root: 3, mean_depth: 1, delta: 2) -> (depth: 1) {
     let (slope, root, depth, delta) = (inputs.array(), inputs.array(), inputs.number(), inputs.array());
     [ResponseDepth { mean2d: [depth.zero(); 2], slope, root, depth }.at(delta)]
+});
+
+/// Whether a surface hides a splat ([`specula_core::occlusion::is_hidden`]).
+#[derive(Clone, Copy, Debug)]
+pub struct IsHidden;
+
+formula!(IsHidden, |_, inputs| hidden_by(depth: 1, surface: 1) -> (hidden: 1) {
+    let [depth, surface] = inputs.array();
+    [depth.constant(1.0).keep(is_hidden(depth, surface))]
 });
 
 /// Compositing of one splat over a pixel ([`specula_core::blend::step`]), given its alpha.

@@ -22,7 +22,7 @@ fn hit_at(position: u32, point: vec2f) -> Hit {
         let response = responses[gaussian];
         depth = depth_at(response.slope, response.root, response.depth, point - response.mean2d);
     }
-    return Hit(depth, alpha, gaussian, position);
+    return Hit(depth, select(alpha, 0.0, is_hidden(depth, point)), gaussian, position);
 }
 
 fn blend_hit(hit: Hit) {

@@ -12,7 +12,8 @@ use crate::{
         shade::Colors,
     },
 };
-use formulas::{AlphaOf, BlendAlpha, DepthAt, PIXEL};
+use core::iter;
+use formulas::{AlphaOf, BlendAlpha, DepthAt, IsHidden, PIXEL};
 use specula_core::camera::Camera;
 
 pub mod formulas;
@@ -21,13 +22,15 @@ pub mod formulas;
 const SELECTED: usize = 32;
 
 /// Kernel of a window; without one, of the exact order.
-pub(crate) fn source(channel_count: usize, window: Option<usize>) -> String {
+pub(crate) fn source(channel_count: usize, window: Option<usize>, is_occluded: bool) -> String {
     let source = rasteriser(PIXEL, channel_count)
         .part(response)
         .count("HITS", window.unwrap_or(SELECTED))
         .formula(&AlphaOf)
         .formula(&DepthAt)
+        .formula(&IsHidden)
         .formula(&BlendAlpha { channels: channel_count })
+        .with(if is_occluded { include_str!("surfaces.wgsl") } else { include_str!("no_surfaces.wgsl") })
         .with(include_str!("hits.wgsl"));
     source.with(if window.is_some() { include_str!("window.wgsl") } else { include_str!("pixel.wgsl") }).text()
 }
@@ -44,14 +47,16 @@ pub(crate) fn blend_in_order(
     colors: &Colors,
     tiles: &Tiles,
     camera: &Camera,
+    occlusion: Option<&Array>,
     window: Option<usize>,
 ) -> Result<Frame, GpuError> {
-    let channels = colors.channels;
+    let (channels, is_occluded) = (colors.channels, occlusion.is_some());
+    let arrays: Vec<&Array> = iter::once(responses).chain(occlusion).collect();
     let kernel = Kernel {
-        key: &format!("{channels} channels, window {window:?}"),
+        key: &format!("{channels} channels, window {window:?}, occluded {is_occluded}"),
         entry: if window.is_some() { "blend_window" } else { "blend_pixel" },
-        source: &|| source(channels, window),
-        others: &[responses],
+        source: &|| source(channels, window, is_occluded),
+        others: &arrays,
     };
     rasterise(context, splats, colors, tiles, camera, &kernel)
 }

@@ -31,7 +31,11 @@ uniform! {
         slope_limit: [f32; 2],
         tiles: [u32; 2],
         size: [u32; 2],
-        padding_size: [u32; 2],
+        /// Columns of tiles that are rendered: the first, and one past the last.
+        window_columns: [u32; 2],
+        /// Rows likewise.
+        window_rows: [u32; 2],
+        padding_window: [u32; 2],
         light_x: [f32; 3],
         padding_light_x: u32,
         light_y: [f32; 3],
@@ -51,7 +55,7 @@ impl CameraUniform {
     }
     /// A camera, and a range of Gaussians within a larger array.
     pub(crate) fn with_range(camera: &Camera, gaussians: Range<usize>) -> Self {
-        let lifted = camera.lift(0.0_f32);
+        let (lifted, window) = (camera.lift(0.0_f32), camera.tile_window());
         let [row_x, row_y, row_z] = lifted.camera_from_world.rows.map(Vec3::to_array);
         let [light_x, light_y, light_z] =
             lifted.light.light_from_world.map_or(IDENTITY, |light| light.rows.map(Vec3::to_array));
@@ -69,7 +73,9 @@ impl CameraUniform {
             slope_limit: lifted.slope_limit,
             tiles: [tile_count(camera.width), tile_count(camera.height)],
             size: [camera.width, camera.height],
-            padding_size: [0; 2],
+            window_columns: window.columns,
+            window_rows: window.rows,
+            padding_window: [0; 2],
             light_x,
             padding_light_x: 0,
             light_y,

@@ -39,18 +39,18 @@ formula!(OutlineOf, |_, inputs| outline_of(mean2d: 2, root: 3, reach: 1) -> (..o
 #[derive(Clone, Copy, Debug)]
 pub struct TileRows;
 
-formula!(TileRows, |_, inputs| tile_rows(center_y: 1, half_height: 1, tile_count: 1) -> (rows: 2) {
-    let [center, half, tile_count] = inputs.array();
-    tile_range(center - half, center + half, tile_count)
+formula!(TileRows, |_, inputs| tile_rows(center_y: 1, half_height: 1, tiles: 2) -> (rows: 2) {
+    let ([center, half], tiles) = (inputs.array(), inputs.array());
+    tile_range(center - half, center + half, tiles)
 });
 
 /// Columns of tiles that an outline touches in a row ([`specula_core::bin::span_in_rows`]).
 #[derive(Clone, Copy, Debug)]
 pub struct TileColumns;
 
-formula!(TileColumns, |_, inputs| tile_columns(..outline_fields(), row: 1, tile_count: 1) -> (columns: 2) {
-    let (outline, row, tile_count) = (take_outline(inputs), inputs.number(), inputs.number());
+formula!(TileColumns, |_, inputs| tile_columns(..outline_fields(), row: 1, tiles: 2) -> (columns: 2) {
+    let (outline, row, tiles) = (take_outline(inputs), inputs.number(), inputs.array());
     let top = row * TILE_SIZE as f32;
     let [left, right] = span_in_rows(&outline, top, top + TILE_SIZE as f32);
-    tile_range(left, right, tile_count)
+    tile_range(left, right, tiles)
 });

@@ -3,12 +3,11 @@
 
 // First and past-the-last row of tiles.
 fn rows_of(splat: Splat) -> vec2u {
-    return vec2u(tile_rows(splat.mean2d.y, splat.half_extent.y, f32(camera.tiles.y)));
+    return vec2u(tile_rows(splat.mean2d.y, splat.half_extent.y, vec2f(camera.window_rows)));
 }
 
 // First and past-the-last column of tiles in a row.
 fn columns_in_row(shape: OutlineOf, row: u32) -> vec2u {
-    let tile_count = f32(camera.tiles.x);
     return vec2u(tile_columns(
         shape.center,
         shape.slope,
@@ -16,7 +15,7 @@ fn columns_in_row(shape: OutlineOf, row: u32) -> vec2u {
         shape.extreme_y,
         shape.reach_y,
         f32(row),
-        tile_count,
+        vec2f(camera.window_columns),
     ));
 }
 
