@@ -2,6 +2,7 @@
 
 use crate::{
     args::{ProfileName, ViewOptions},
+    dataset::suggestion,
     failure::Failure,
     included::{self, LIGHTS},
     progress,
@@ -151,7 +152,7 @@ fn open_model(path: &Path, low_pass: Option<LowPass>) -> Result<Model, Failure> 
             let name = shown(path);
             Failure::Input(format!("{path:?} is a data set; train it first: specula train {name} -m out/model"))
         }
-        _ => error.into(),
+        _ => suggestion(path, &error).unwrap_or_else(|| error.into()),
     })?;
     if let Some(low_pass) = low_pass {
         if model.gaussians.layout.is_smoothed {
