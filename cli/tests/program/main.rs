@@ -5,6 +5,7 @@ mod benchmark;
 mod browser;
 mod capture;
 mod compare;
+mod demo;
 #[cfg(unix)]
 mod elsewhere;
 mod end_to_end;
