@@ -5,6 +5,7 @@ mod benchmark;
 mod browser;
 mod capture;
 mod compare;
+mod crop;
 mod demo;
 #[cfg(unix)]
 mod elsewhere;
