@@ -2,6 +2,7 @@
 
 use crate::{
     Scene, SceneError, ShadingModel, Surface,
+    camera_set::keep_light_still,
     export::UPRIGHT_COMMENT,
     foreground::Foreground,
     import::{Imported, scene_of_glb},
@@ -137,7 +138,7 @@ impl OpenedModel {
     /// A `cameras.json` that cannot be read.
     pub fn cameras(&self) -> Result<Vec<NamedCamera>> {
         let mut cameras = self.lit_cameras()?;
-        cameras.iter_mut().for_each(|(_, camera)| camera.light_from_world = None);
+        keep_light_still(&mut cameras);
         Ok(cameras)
     }
 
