@@ -89,14 +89,17 @@ fn note_width(width_max: u32) {
     }
 }
 
-/// Error for a folder that is near a data set.
-fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
-    if !matches!(error, Error::NoFolder { .. } | Error::NoTransforms { .. } | Error::NoImages { .. }) {
-        return None;
-    }
-    let has_cameras = matches!(error, Error::NoImages { .. });
+/// Error for a folder that is neither a data set nor a model, but near one or without cameras.
+pub(crate) fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
+    let (has_cameras, is_model_wanted) = match error {
+        Error::NoFolder { .. } | Error::NoTransforms { .. } => (false, false),
+        Error::NoImages { .. } => (true, false),
+        Error::NoModel { .. } => (false, true),
+        _ => return None,
+    };
     Some(Failure::Input(match Misplaced::find(folder)? {
         Misplaced::CamerasOf { .. } | Misplaced::Pictures { .. } | Misplaced::Video(_) if has_cameras => return None,
+        Misplaced::Model if is_model_wanted => return None,
         Misplaced::PartOf(whole) => {
             format!("{folder:?} is part of a data set; did you mean the folder above, {whole:?}?")
         }

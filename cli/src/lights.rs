@@ -7,12 +7,13 @@ use crate::{
     scene::{read_env, refuse_plain},
 };
 use core::{fmt::Display, str::FromStr};
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use serde::Deserialize;
 use specula_core::lamps::check;
-use specula_io::{budget::FACTS, orientation::Orientation};
+use specula_io::budget::FACTS;
 use specula_scene::{
     Lighting, OpenedModel, RenderOptions, SceneError, Shading, Surface,
+    foreground::Foreground,
     ground::GroundPlane,
     lamps::{SphereChoice, SunChoice, direction, shadow_surface, share_in_shadow},
     light_file::{LightOptions, MapUp},
@@ -219,16 +220,13 @@ impl LightPlan {
 fn warn_of_hidden_suns(lighting: &Lighting, occluder: &Surface, opened: &OpenedModel, up: Vec3) -> Result<(), Failure> {
     /// Share in shadow above which a warning is printed.
     const MOST: f64 = 0.8;
-    /// Radius of the subject, relative to the distance of the cameras from it.
-    const SUBJECT: f64 = 0.5;
-    let Orientation { centre, distance, .. } = opened.orientation(None)?;
-    let (centre, radius) = (DVec3::from(centre).as_vec3(), (SUBJECT * distance) as f32);
+    let Some(subject) = Foreground::Auto.ball(Some(&opened.orientation(None)?), opened.origin) else { return Ok(()) };
+    let remedy = if opened.crop.is_none() { ", or --crop auto, which removes the surroundings" } else { "" };
     for sun in &lighting.suns {
         let to_sun = direction(sun.azimuth + lighting.turn, sun.elevation, up).as_vec3();
-        if let Some(share) = share_in_shadow(occluder, to_sun, centre, radius).filter(|share| *share > MOST) {
+        if let Some(share) = share_in_shadow(occluder, to_sun, &subject).filter(|share| *share > MOST) {
             tracing::warn!(
-                "--sun {sun}: the scene itself shadows {:.0} % of the subject; use another direction, or train with \
-                 masks that remove the surroundings",
+                "--sun {sun}: the scene itself shadows {:.0} % of the subject; use another direction{remedy}",
                 100.0 * share
             );
         }

@@ -1,13 +1,14 @@
 //! Scenes of the program: opened as its options say, relit from files, rendered and measured.
 
 use crate::{
-    args::{ProfileName, ViewOptions},
+    args::{ProfileName, SceneOptions, ViewOptions},
+    dataset::suggestion,
     failure::Failure,
     included::{self, LIGHTS},
     progress,
 };
 use glam::Vec3;
-use specula_core::{antialias::LowPass, scene::Image, shade::ShadingForm};
+use specula_core::{antialias::LowPass, region::Ball, scene::Image, shade::ShadingForm};
 use specula_io::{
     Error, Input, budget, dataset, glb,
     latlong::{LatLong, MapOrientation},
@@ -20,6 +21,7 @@ use specula_scene::{
     camera_set::CameraSet,
     capture::Capture,
     light_file::{self, LightOptions},
+    number::group_digits,
     picture_folder::light_differences,
     rendering::PictureJob,
     text::shown,
@@ -42,6 +44,22 @@ pub(crate) fn open(
         OpenedModel::under(path, model, shading_model)
     };
     opened.notes.iter().for_each(|note| tracing::warn!("{note}"));
+    Ok(opened)
+}
+
+/// Opens a scene as its options say, cropped to a region if they name one.
+pub(crate) fn open_as(path: &Path, options: &SceneOptions) -> Result<OpenedModel, Failure> {
+    let mut opened = open(path, options.profile, options.antialiased.low_pass())?;
+    let all = opened.scene.gaussians.count;
+    if let Some(ball) = options.crop.map_or(Ok(None), |region| opened.crop(region))? {
+        let Ball { center, radius } = ball;
+        let [x, y, z] = [0, 1, 2].map(|axis| opened.origin[axis] + f64::from(center[axis]));
+        let (kept, place) = (opened.scene.gaussians.count, format!("--crop {x:.4},{y:.4},{z:.4},{radius:.4}"));
+        if kept == 0 {
+            return Err(Failure::Input(format!("{path:?} has no Gaussian in {place}; use another centre or radius")));
+        }
+        tracing::info!("{} of {} Gaussians are in {place}", group_digits(kept), group_digits(all));
+    }
     Ok(opened)
 }
 
@@ -151,7 +169,7 @@ fn open_model(path: &Path, low_pass: Option<LowPass>) -> Result<Model, Failure> 
             let name = shown(path);
             Failure::Input(format!("{path:?} is a data set; train it first: specula train {name} -m out/model"))
         }
-        _ => error.into(),
+        _ => suggestion(path, &error).unwrap_or_else(|| error.into()),
     })?;
     if let Some(low_pass) = low_pass {
         if model.gaussians.layout.is_smoothed {

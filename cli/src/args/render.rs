@@ -97,6 +97,7 @@ Examples:
   specula relight out/spheres --lamp 1,0,2,5,0.2 --lamp -2,1,1,3:88aaff
   specula relight out/spheres --sun 30,45,3,4 --ground --background white
   specula relight out/spheres --sun 30,45,3,4 --ground --background transparent
+  specula relight out/spheres --sun 30,45 --ground --crop auto
   specula relight out/spheres --env sunset.hdr --layers rgb,irradiance,visibility
   specula relight out/spheres --lights evening.toml --turn-light 48 -o evening
   specula relight out/spheres --env forest.hdr --truth data/spheres/relight/forest")]

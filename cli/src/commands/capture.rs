@@ -9,7 +9,7 @@ use crate::{
 };
 use core::cell::RefCell;
 use serde_json::json;
-use specula_capture::{Error, Evidence, Finding, Look, Monitor, Options, Outcome};
+use specula_capture::{Error, Evidence, Finding, Look, Monitor, Options, Outcome, command_text};
 use specula_io::{dataset::LoadOptions, reconstruction::Reconstruction};
 use specula_scene::{
     dataset::{Dataset, count_pictures},
@@ -27,8 +27,21 @@ pub(crate) fn run(args: &Capture) -> Result<(), Failure> {
     let Outcome { pictures, registered } = outcome;
     output::say(&format!("{}: {registered} of {pictures} pictures have a camera", shown(&args.output)))?;
     findings.iter().try_for_each(|finding| output::say(&sentence(finding)))?;
-    tracing::info!("next: specula train {} -m MODEL --preset photos --eval", shown(&args.output));
+    tracing::info!("next: {}", next_command(&args.output, &data));
     Ok(())
+}
+
+/// Training of the data set, with materials.
+fn next_command(folder: &Path, data: &Dataset) -> String {
+    let folder = folder.to_string_lossy();
+    let words = ["specula", "train", &folder, "-m", "MODEL", "--preset", "photos", "--eval"];
+    command_text(words.into_iter().chain(material_options(data).iter().copied()))
+}
+
+/// Options of a training with materials: those of objects that masks or alpha cut out of all
+/// pictures are the default; others are fitted with the surroundings in the background.
+pub(crate) fn material_options(data: &Dataset) -> &'static [&'static str] {
+    if data.train.iter().all(View::has_alpha) { &[] } else { &["--relightable", "--foreground", "auto"] }
 }
 
 /// Makes a data set, or continues to.
@@ -110,5 +123,21 @@ impl From<Error> for Failure {
             Error::Interrupted => Self::Interrupted(error.to_string()),
             Error::Input(_) | Error::Program { .. } | Error::NoCameras(_) => Self::Input(error.to_string()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn materials_of_surroundings_are_asked_for_and_those_of_objects_are_the_default() {
+        let objects = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/demo");
+        let mut data = progress::silently(|| dataset::load(&objects, &LoadOptions::default())).unwrap();
+        let folder = Path::new("my data");
+        assert_eq!(next_command(folder, &data), "specula train 'my data' -m MODEL --preset photos --eval");
+        data.train[0].rgba.iter_mut().skip(3).step_by(4).for_each(|alpha| *alpha = u8::MAX);
+        let next = next_command(folder, &data);
+        assert!(next.ends_with("--preset photos --eval --relightable --foreground auto"), "{next}");
     }
 }

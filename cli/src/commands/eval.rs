@@ -22,7 +22,7 @@ use specula_report::{
 use specula_scene::{
     OpenedModel, Scene, SceneRenderer, Shading,
     backdrop::{BackgroundChoice, BackgroundColor},
-    camera_set::Split,
+    camera_set::{Split, keep_light_still},
     dataset::{named_cameras, options_of},
     light_file::LightOptions,
     picture_folder::differences,
@@ -183,7 +183,7 @@ fn measure_relit(
     albedo_scale: Option<[f32; 3]>,
 ) -> Result<Vec<RelitScene>, Failure> {
     let mut cameras = named_cameras(views);
-    cameras.iter_mut().for_each(|(_, camera)| camera.light_from_world = None);
+    keep_light_still(&mut cameras);
     let background = background_of(opened, args.background);
     let renderer_under = |light: &Path, mut scene: Scene| -> Result<SceneRenderer, Failure> {
         relight(&mut scene, light, LightOptions::default(), up)?;

@@ -65,7 +65,7 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         args.env.as_ref().or(args.page_env.first()).map(PathBuf::as_path),
         (&args.env_options).into(),
     )?;
-    let mut opened = scene::open(&args.model, args.scene_options.profile, args.scene_options.antialiased.low_pass())?;
+    let mut opened = scene::open_as(&args.model, &args.scene_options)?;
     if let Some(path) = args.output.iter().find(|path| is_of_model(path, &args.model, opened.folder.as_deref())) {
         let path = path.canonicalize().unwrap_or_else(|_| path.clone());
         return Err(Failure::Input(format!("{path:?} is a file of the model itself; use another file with -o")));

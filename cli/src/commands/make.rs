@@ -3,6 +3,7 @@
 
 use crate::{args::Make, commands::capture, dataset, failure::Failure, interrupt, output, progress, run_words};
 use serde_json::Value;
+use specula_capture::command_text;
 use specula_io::{checkpoint, dataset::LoadOptions, model_folder};
 use specula_report::made::{Made, Turntable};
 use specula_scene::{dataset::Dataset, text::shown};
@@ -89,7 +90,7 @@ impl Commands {
         if interrupt::is_requested() {
             return Err(Failure::Interrupted("interrupted; the same command continues".into()));
         }
-        let line = format!("specula {}", words.join(" "));
+        let line = command_text(["specula"].iter().chain(words).copied());
         tracing::info!("{line}");
         self.0.push(line);
         run_words(["specula"].iter().chain(words).map(Into::into).collect())
@@ -110,8 +111,7 @@ impl Commands {
     }
 }
 
-/// Options of the training: materials of an object that masks or alpha cut out are the default; of
-/// others they are fitted with the surroundings in the background.
+/// Options of the training.
 fn training_options(args: &Make, data: &Dataset) -> Vec<String> {
     let factor = |edge: u32| [1, 2, 4, 8].into_iter().find(|factor| data.width_max() / factor <= edge).unwrap_or(8);
     let resolution = match (args.quick, args.capture.best) {
@@ -119,9 +119,10 @@ fn training_options(args: &Make, data: &Dataset) -> Vec<String> {
         (_, true) => "-1".into(),
         _ => "auto".into(),
     };
-    let is_object = data.train.iter().all(specula_train::view::View::has_alpha);
-    let others = if is_object { "" } else { " --relightable --foreground auto --background-points 5000" };
-    format!("-r {resolution}{others}").split(' ').map(str::to_owned).collect()
+    let materials = capture::material_options(data);
+    let surroundings = if materials.is_empty() { &[][..] } else { &["--background-points", "5000"] };
+    let resolution = ["-r", &resolution];
+    [&resolution[..], materials, surroundings].concat().into_iter().map(str::to_owned).collect()
 }
 
 /// Size of the turntable's pictures: the shape of the data set's, with even edges.

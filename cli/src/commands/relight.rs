@@ -41,7 +41,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     let output = video.as_ref().map(Video::pictures).or(args.output.as_deref());
     let layers = video.as_ref().map_or(&args.layers[..], Video::layers);
     let ViewOptions { scene_options, .. } = &args.views;
-    let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
+    let mut opened = scene::open_as(&args.scene, scene_options)?;
     let plan = LightPlan::new(&args.lights, (&args.env_options).into())?;
     let views = &over_ground(args, plan.has_ground(), &opened);
     refuse_options_without_light(plan.env(), (&args.env_options).into())?;

@@ -35,7 +35,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     let output = video.as_ref().map(Video::pictures).or(args.output.as_deref());
     let layers = video.as_ref().map_or(&args.layers[..], Video::layers);
     let ViewOptions { scene_options, .. } = &args.views;
-    let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
+    let mut opened = scene::open_as(&args.scene, scene_options)?;
     let mut set = CameraSet::choose(&(&args.views).into(), &opened)?;
     if args.env.is_some() {
         set.keep_light_still();
@@ -74,7 +74,8 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
         folder: &folder,
         has_numbers: args.views.exr,
     };
-    let true_views = if args.env.is_none() && !set.is_turned { true_views(&opened, &set) } else { Vec::new() };
+    let is_as_photographed = args.env.is_none() && !set.is_turned && opened.crop.is_none();
+    let true_views = if is_as_photographed { true_views(&opened, &set) } else { Vec::new() };
     job.write_true_pictures(&true_views)?;
     let channels = Layer::channels(&layers);
     let mut check = match args.verify_omissions {

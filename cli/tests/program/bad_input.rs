@@ -213,6 +213,20 @@ fn a_data_set_in_place_of_a_model_and_a_video_in_place_of_a_folder() {
         command.arg(name).arg(tiny.data());
         refuses(command, &["is a data set", "specula train"]);
     }
+    fs::create_dir_all(tiny.path("bare")).unwrap();
+    fs::write(tiny.path("bare/a.jpg"), "").unwrap();
+    fs::write(tiny.path("walk.mov"), "").unwrap();
+    for name in ["info", "view", "render", "relight"] {
+        for (scene, words) in [
+            ("bare", ["1 pictures", "specula capture"]),
+            ("data/train", ["part of a data set", "the folder above"]),
+            ("walk.mov", ["a video", "specula capture"]),
+        ] {
+            let mut command = specula();
+            command.arg(name).arg(tiny.path(scene));
+            refuses(command, &words);
+        }
+    }
     for name in ["turn.mp4", "turn.WEBP"] {
         let video = |words: &[&str]| {
             let mut command = specula();

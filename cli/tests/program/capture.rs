@@ -119,8 +119,11 @@ fn photographs_get_cameras_once_and_a_killed_capture_continues() {
     assert!(registered + 1 >= u64::from(PICTURES), "{record}");
     assert!(facts["commands"].as_array().unwrap().len() >= 3, "{record}");
 
-    specula().current_dir(tiny.path("")).args(words).assert().success();
+    let again = specula().current_dir(tiny.path("")).args(words).assert().success().get_output().clone();
     assert_eq!(fs::read_to_string(tiny.path("corner/capture.json")).unwrap(), record, "something ran again");
+    let said = String::from_utf8(again.stderr).unwrap();
+    let next = said.lines().last().unwrap_or_default();
+    assert!(next.contains("next: specula train corner") && next.ends_with("--relightable --foreground auto"), "{said}");
     let other = ["capture", "photographs", "-o", "corner", "--best"];
     refuses(&other, &["corner", "other options"], &tiny.path(""));
 

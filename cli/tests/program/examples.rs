@@ -170,7 +170,8 @@ fn every_example_of_every_help_runs() {
     assert!(examples.len() > 45, "{examples:?}");
     for example in &examples {
         let line = shortened(example);
-        // Captures, demos, reports and searches of settings take long, and have tests of their own.
+        // Captures, demos, reports and searches of settings take long, and have tests of their own;
+        // `make` runs commands with tests.
         let is_long = ["specula demo", "specula report", "specula capture", "specula make"]
             .iter()
             .any(|start| line.starts_with(start));

@@ -80,7 +80,8 @@ impl Ball {
         ball
     }
 
-    fn save(&self, light: &impl Fn([f64; 3]) -> [f32; 3]) {
+    /// Writes the model again.
+    pub(crate) fn save(&self, light: &impl Fn([f64; 3]) -> [f32; 3]) {
         let texel = |k: usize| {
             let n = LIGHT_RESOLUTION;
             light(specula_core::cubemap::texel_direction(k / (n * n), k % n, k / n % n, n))
@@ -103,7 +104,7 @@ impl Ball {
         cameras::write(&self.model().join("cameras.json"), &all, [0.0; 3]).unwrap();
     }
 
-    fn model(&self) -> PathBuf {
+    pub(crate) fn model(&self) -> PathBuf {
         self.tiny.path("ball")
     }
 
@@ -689,6 +690,13 @@ fn what_cannot_be_exported_is_refused_in_one_sentence() {
     refuses(tiny, &model, "ball.ply", &["--sh-degree", "4"], &["--sh-degree"]);
     let (plain, _) = ball.export("plain.ply", &["--no-error"]);
     refuses(tiny, &plain, "light.hdr", &[], &["plain.ply", "light.hdr", "--env"]);
+    // Files are independent of each other.
+    let files = ["a.ply", "light.hdr", "c.splat"].map(|name| tiny.path(name));
+    let mut command = specula();
+    let output = command.arg("export").arg(&plain).arg("-o").args(&files).args(["--no-error", "--quiet"]).assert();
+    let said = String::from_utf8(output.code(2).get_output().stderr.clone()).unwrap();
+    assert!(said.lines().count() == 1 && said.contains("light.hdr"), "{said}");
+    assert_eq!(files.map(|file| file.is_file()), [true, false, true]);
     let none = tiny.path("none.ply");
     let layout = Layout::radiance(0);
     gaussian_ply::write(&none, &Gaussians { count: 0, layout, values: Vec::new() }, &[]).unwrap();

@@ -5,6 +5,8 @@ mod benchmark;
 mod browser;
 mod capture;
 mod compare;
+mod crop;
+mod demo;
 #[cfg(unix)]
 mod elsewhere;
 mod end_to_end;

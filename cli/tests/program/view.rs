@@ -902,12 +902,24 @@ fn suns_and_lamps_are_placed_and_dragged(browser: &Browser, tiny: &Tiny) {
           HTMLAnchorElement.prototype.click = () => {};
         })()",
     );
+    let copied = || {
+        page.eval("window.command = ''; navigator.clipboard.writeText = async (text) => { window.command = text; }");
+        click("copy-command");
+        page.wait("window.command !== ''");
+        page.eval("window.command").as_str().unwrap().to_owned()
+    };
+    assert!(!copied().contains("--ground"), "there is no ground yet");
+    click("ground");
+    shown(&page);
+    page.wait("location.hash.includes('ground=on')");
+    assert!(copied().contains(" --ground"), "{}", copied());
     page.eval("(() => { const list = document.getElementById('lights'); list.value = 'none'; list.dispatchEvent(new Event('change')); })()");
     let in_darkness = shown(&page);
     click("save-lights");
     let file = tiny.path("lights.toml");
     fs::write(&file, page.eval("window.latest.text()").as_str().unwrap()).unwrap();
     page.wait("location.hash.includes('light=none')");
+    assert!(fs::read_to_string(&file).unwrap().contains("ground = true"));
     let again = Site::of(&model, &["--quiet", "--lights", file.to_str().unwrap()]);
     let other = browser.open(&again.url, WIDE);
     assert!(is_same(&shown(&other), &in_darkness), "the file says the same");
@@ -916,6 +928,7 @@ fn suns_and_lamps_are_placed_and_dragged(browser: &Browser, tiny: &Tiny) {
     relight.arg("relight").arg(&model).arg("--lights").arg(&file).args(["--executor", "cpu", "--quiet", "-o"]);
     relight.arg(tiny.path("relit")).assert().success();
 
+    click("ground");
     page.eval("(() => { const list = document.getElementById('lights'); list.value = 0; list.dispatchEvent(new Event('change')); })()");
     page.eval("document.querySelectorAll('#lamps [aria-label^=Remove]')[0].click()");
     page.eval("document.querySelectorAll('#lamps [aria-label^=Remove]')[0].click()");

@@ -1,12 +1,9 @@
 //! Inputs of a capture: videos, and pictures in folders.
 
 use crate::error::{Error, Result};
-use specula_io::dataset::{has_image_ending, is_picture};
+use specula_io::dataset::{has_image_ending, is_picture, is_video};
 use std::path::{Path, PathBuf};
 use walkdir::WalkDir;
-
-/// File extensions of videos.
-const VIDEOS: [&str; 8] = ["mp4", "mov", "mkv", "webm", "avi", "m4v", "mts", "3gp"];
 
 /// An input.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -71,11 +68,6 @@ impl Input {
             Self::Video(path) | Self::Pictures { folder: path, .. } => path,
         }
     }
-}
-
-/// Whether a file is a video, by its name.
-pub(crate) fn is_video(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| VIDEOS.iter().any(|known| ending.eq_ignore_ascii_case(known)))
 }
 
 fn refuse(path: &Path, what: &str) -> Error {

@@ -24,4 +24,4 @@ pub use diagnosis::{Evidence, Finding, findings};
 pub use error::{Error, Result};
 pub use look::Look;
 pub use pipeline::{Options, Outcome, capture, check};
-pub use process::{Monitor, has_ffmpeg, is_installed};
+pub use process::{Monitor, command_text, has_ffmpeg, is_installed};

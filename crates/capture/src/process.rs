@@ -26,6 +26,16 @@ pub trait Monitor {
     fn is_interrupted(&self) -> bool;
 }
 
+/// Words of a command line as a shell reads them: quoted where necessary.
+pub fn command_text<'a>(words: impl IntoIterator<Item = &'a str>) -> String {
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_./=:,+".contains(letter);
+    let quoted = |word: &str| match !word.is_empty() && word.chars().all(is_plain) {
+        true => word.to_owned(),
+        false => format!("'{}'", word.replace('\'', r"'\''")),
+    };
+    words.into_iter().map(quoted).collect::<Vec<_>>().join(" ")
+}
+
 /// Command line of a program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct CommandLine {
@@ -45,13 +55,8 @@ impl CommandLine {
 
     /// Command line as a shell reads it.
     pub(crate) fn text(&self) -> String {
-        let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_./=:,+".contains(letter);
-        let quoted = |word: &str| match !word.is_empty() && word.chars().all(is_plain) {
-            true => word.to_owned(),
-            false => format!("'{}'", word.replace('\'', r"'\''")),
-        };
-        let words = self.arguments.iter().map(|word| quoted(word));
-        core::iter::once(quoted(&self.program.to_string_lossy())).chain(words).collect::<Vec<_>>().join(" ")
+        let program = self.program.to_string_lossy();
+        command_text(core::iter::once(&*program).chain(self.arguments.iter().map(String::as_str)))
     }
 
     /// Command without input, and without a display.

@@ -20,7 +20,7 @@ use crate::{
     points_ply::{self, PointCloud},
     shot::Shot,
 };
-pub use crate::{named::is_picture, shot::has_image_ending};
+pub use crate::{kinds::is_video, named::is_picture, shot::has_image_ending};
 use core::sync::atomic::{AtomicUsize, Ordering};
 use glam::DVec3;
 use rayon::prelude::*;

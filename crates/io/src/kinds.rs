@@ -24,8 +24,13 @@ const OPEN: &str = "open it as a scene; a PLY file is expected here";
 const NO_SCENE: &str = "open a model folder, a PLY or a .glb file of Gaussians, and use --env for lights";
 /// Remedy for meshes.
 const NO_MESH: &str = "open Gaussians, such as those trained on renders of it";
+/// Remedy for videos.
+const CAPTURE: &str = "estimate the cameras of its frames with `specula capture`, then train";
 /// Remedy for points.
 const POINTS: &str = "open Gaussians; points can initialise a training (--points, as a PLY file)";
+
+/// File extensions of videos.
+const VIDEOS: &[&str] = &["mp4", "mov", "mkv", "webm", "avi", "m4v", "mts", "3gp"];
 
 /// Extensions take precedence over contents, since archives begin alike.
 const KINDS: &[Kind] = &[
@@ -71,6 +76,7 @@ const KINDS: &[Kind] = &[
         endings: &["hdr", "exr", "ktx2", "png", "jpg", "jpeg", "webp", "gif", "tif", "tiff"],
         starts: &[b"#?", b"\x76\x2f\x31\x01", b"\xabKTX", b"\x89PNG", b"\xff\xd8\xff", b"RIFF", b"GIF8"],
     },
+    Kind { name: "a video", remedy: CAPTURE, endings: VIDEOS, starts: &[] },
     Kind {
         name: "a web page",
         remedy: "open it in a browser, or download the file again if it should be a scene",
@@ -103,6 +109,11 @@ pub(crate) fn refuse(input: Input<'_>) -> Result<()> {
     let has_start = |kind: &&Kind| kind.starts.iter().any(|known| start.starts_with(known));
     let found = KINDS.iter().find(has_ending).or_else(|| KINDS.iter().find(has_start));
     found.map_or(Ok(()), |Kind { name, remedy, .. }| Err(other(input.path(), name, remedy)))
+}
+
+/// Returns whether a file is a video, by its name.
+pub fn is_video(path: &Path) -> bool {
+    ending(path).is_some_and(|ending| VIDEOS.contains(&ending.as_str()))
 }
 
 /// Error for a PLY file with vertices that are not Gaussians.

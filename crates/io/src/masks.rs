@@ -38,13 +38,20 @@ pub struct Assigned {
 /// subfolders of the pictures or in none.
 pub fn assigned(folder: &Path, pictures: &[PathBuf]) -> Assigned {
     let masks = Masks::below(&Files::below(folder), Path::new(""));
-    let mut counts: HashMap<String, usize> = HashMap::new();
-    pictures.iter().for_each(|picture| *counts.entry(name_of(picture)).or_default() += 1);
+    let counts = counts_of_names(pictures.iter().map(PathBuf::as_path));
     let found: Vec<_> = pictures.iter().map(|picture| masks.of(picture, counts[&name_of(picture)] == 1)).collect();
     let used: HashSet<&Path> = found.iter().flatten().map(PathBuf::as_path).collect();
     let all = masks.paths.iter().map(|path| masks.folder.join(path));
     let unused = all.filter(|path| !used.contains(path.as_path())).collect();
     Assigned { masks: found, unused }
+}
+
+/// Number of pictures of each name.
+fn counts_of_names<'a>(pictures: impl Iterator<Item = &'a Path>) -> HashMap<String, usize> {
+    pictures.fold(HashMap::new(), |mut counts, picture| {
+        *counts.entry(name_of(picture)).or_default() += 1;
+        counts
+    })
 }
 
 /// Adds masks of the folder to pictures without one, by their paths below the folder of images, and
@@ -56,16 +63,11 @@ pub(crate) fn assign(
     notes: &mut Vec<String>,
 ) -> Option<PathBuf> {
     let masks = folder(files, images).map(|folder| Masks::below(files, &folder));
-    let count = |named: &dyn Fn(&Path) -> String| {
-        let mut counts: HashMap<String, usize> = HashMap::new();
-        shots.iter().for_each(|(image, _)| *counts.entry(named(image)).or_default() += 1);
-        counts
-    };
-    let same_names = count(&name_of);
+    let counts = counts_of_names(shots.iter().map(|(image, _)| image.as_path()));
     if let Some(masks) = &masks {
         let pictures: HashSet<PathBuf> = shots.iter().map(|(_, shot)| shot.image.clone()).collect();
         for (image, shot) in shots.iter_mut().filter(|(_, shot)| shot.mask.is_none()) {
-            let mask = masks.of(image, same_names[&name_of(image)] == 1);
+            let mask = masks.of(image, counts[&name_of(image)] == 1);
             shot.mask = mask.filter(|mask| !pictures.contains(mask));
         }
         masks.note_unused(shots.iter().filter_map(|(_, shot)| shot.mask.as_deref()).collect(), notes);

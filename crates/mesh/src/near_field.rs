@@ -11,6 +11,7 @@ use specula_core::{
         INDEX_MAX, NODE_LEN, NearField, NearSurface, TRIANGLE_LEN, VERTEX_ALBEDO, VERTEX_BASE, VERTEX_LEN,
         share_of_near, vertex_surface,
     },
+    region::Ball,
     rules::{Channels, channel},
     scene::Image,
     shade::reflect,
@@ -137,15 +138,42 @@ fn arranged(corners: &[[u32; 3]], vertices: &[[f32; VERTEX_LEN]], offset: f32) -
 /// Rebuilds the hierarchy of the same triangles and vertices; `None` without triangles, or if one
 /// refers to a vertex that does not exist.
 pub fn rearranged(surface: &NearField<Vec<f32>>) -> Option<NearField<Vec<f32>>> {
-    let [triangles, vertices] = [surface.triangles_start(), surface.vertices_start()];
+    arranged(&corners(surface)?, vertices(surface), surface.offset)
+}
+
+/// Part of a surface within a ball: its triangles whose corners are all in it. `None` without such
+/// triangles.
+pub fn within(surface: &NearField<Vec<f32>>, ball: &Ball) -> Option<NearField<Vec<f32>>> {
+    let mut kept = Vec::new();
+    let indices: Vec<Option<u32>> = vertices(surface)
+        .iter()
+        .map(|vertex| {
+            let [x, y, z, ..] = *vertex;
+            ball.contains([x, y, z]).then(|| {
+                kept.push(*vertex);
+                kept.len() as u32 - 1
+            })
+        })
+        .collect();
+    let index = |corner: u32| indices[corner as usize];
+    let corners = corners(surface)?.into_iter().filter_map(|[a, b, c]| Some([index(a)?, index(b)?, index(c)?]));
+    arranged(&corners.collect::<Vec<_>>(), &kept, surface.offset)
+}
+
+/// Corners of the triangles of a surface; `None` if one refers to a vertex that does not exist.
+fn corners(surface: &NearField<Vec<f32>>) -> Option<Vec<[u32; 3]>> {
     let vertex_count = surface.vertex_count as f32;
     let is_there = |corner: &f32| *corner >= 0.0 && *corner < vertex_count;
-    let corners = surface.values.get(triangles..vertices)?.as_chunks::<TRIANGLE_LEN>().0;
-    let corners: Option<Vec<[u32; 3]>> = corners
-        .iter()
-        .map(|[a, b, c, _]| [a, b, c].into_iter().all(is_there).then(|| [*a, *b, *c].map(|corner| corner as u32)))
-        .collect();
-    arranged(&corners?, surface.values[vertices..].as_chunks::<VERTEX_LEN>().0, surface.offset)
+    let corners =
+        surface.values.get(surface.triangles_start()..surface.vertices_start())?.as_chunks::<TRIANGLE_LEN>().0;
+    let whole = |[a, b, c, _]: &[f32; TRIANGLE_LEN]| {
+        [a, b, c].into_iter().all(is_there).then(|| [*a, *b, *c].map(|corner| corner as u32))
+    };
+    corners.iter().map(whole).collect()
+}
+
+fn vertices(surface: &NearField<Vec<f32>>) -> &[[f32; VERTEX_LEN]] {
+    surface.values[surface.vertices_start()..].as_chunks().0
 }
 
 /// Returns true if reflected rays of a scene hit it: at least a hundredth of its reflections, seen

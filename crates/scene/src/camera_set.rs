@@ -41,6 +41,11 @@ impl Split {
     }
 }
 
+/// Keeps the light of cameras still in the scene, as one that replaces that of the training does.
+pub fn keep_light_still(cameras: &mut [NamedCamera]) {
+    cameras.iter_mut().for_each(|(_, camera)| camera.light_from_world = None);
+}
+
 /// Requested cameras; by default the test views, else all of the model's cameras, else a turntable.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraChoice {
@@ -101,9 +106,9 @@ impl CameraSet {
         Ok(set)
     }
 
-    /// Keeps the light still in the scene, as one that replaces that of the training does.
+    /// [`keep_light_still`] for these cameras.
     pub fn keep_light_still(&mut self) {
-        self.cameras.iter_mut().for_each(|(_, camera)| camera.light_from_world = None);
+        keep_light_still(&mut self.cameras);
     }
 
     fn turn_upright(&mut self, up: Vec3) {

@@ -6,7 +6,7 @@ use specula_core::camera::{Camera, near_of};
 use specula_io::{
     Result,
     cameras::NamedCamera,
-    dataset::{self, IMAGES, LoadOptions, MaskUse, Report, TEST_EVERY, has_image_ending, is_picture},
+    dataset::{self, IMAGES, LoadOptions, MaskUse, Report, TEST_EVERY, has_image_ending, is_picture, is_video},
     materials::Materials,
     model_folder::ModelInfo,
     orientation::Orientation,
@@ -184,8 +184,6 @@ const OTHERS: [(&str, &str, &str); 6] = [
     ("bundle.out", "Bundler", "open the pictures with COLMAP and reconstruct them there"),
     ("database.db", "COLMAP", "reconstruct it with `colmap mapper`, which writes sparse/0"),
 ];
-/// File extensions of videos.
-const VIDEOS: [&str; 6] = ["mp4", "mov", "mkv", "webm", "avi", "m4v"];
 
 impl Misplaced {
     /// Relation of a folder without a data set to one nearby; none if there is none.
@@ -239,10 +237,6 @@ pub fn count_pictures(folder: &Path) -> usize {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let paths = entries.filter(|entry| !entry.file_name().to_string_lossy().starts_with('.')).map(|entry| entry.path());
     paths.map(|path| if path.is_dir() { count_pictures(&path) } else { usize::from(has_image_ending(&path)) }).sum()
-}
-
-fn is_video(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| VIDEOS.contains(&ending.to_ascii_lowercase().to_string_lossy().as_ref()))
 }
 
 /// Returns whether a folder has files of a data set.

@@ -9,6 +9,7 @@ use specula_core::{
     color::linear_from_srgb,
     lamps::{Lamp, LampOf, disc_axes, horizon, seen_share, shadow_ray, shift, spiral_point, toward},
     near_field::{NearField, VERTEX_ALBEDO, VERTEX_BASE},
+    region::Ball,
     rules::{Channels, RenderRules},
     scene::Gaussians,
 };
@@ -276,15 +277,15 @@ pub fn fused_surface(
     Ok(SurfaceMeans::new(fusion.mesh(), fusion.voxel_size()).near_field().map(Surface::shared))
 }
 
-/// Self-shadowed share of the part of a surface within `radius` of `centre` that faces the
-/// direction `to_sun`; `None` if no part does. Vertices are sampled.
-pub fn share_in_shadow(surface: &Surface, to_sun: Vec3, centre: Vec3, radius: f32) -> Option<f64> {
+/// Self-shadowed share of the part of a surface within a ball that faces the direction `to_sun`;
+/// `None` if no part does. Vertices are sampled.
+pub fn share_in_shadow(surface: &Surface, to_sun: Vec3, ball: &Ball) -> Option<f64> {
     const SAMPLES: usize = 4096;
     let facing = (0..surface.vertex_count).filter_map(|vertex| {
         let numbers = surface.vertex(vertex);
         let [position, normal] = [0, 3].map(|first| Vec3::from_slice(&numbers[first..]));
         let normal = normal.normalize_or_zero();
-        let is_lit = position.distance(centre) <= radius && normal.dot(to_sun) > 0.0;
+        let is_lit = ball.contains(position.into()) && normal.dot(to_sun) > 0.0;
         is_lit.then(|| position + surface.offset * normal)
     });
     let facing: Vec<Vec3> = facing.collect();
@@ -393,13 +394,37 @@ mod tests {
         }
     }
 
+    /// Corners of a horizontal square.
+    fn square(half: f32, height: f32) -> [[f32; 3]; 4] {
+        [[-half, -half, height], [half, -half, height], [half, half, height], [-half, half, height]]
+    }
+
+    /// Floor below a roof that covers it, or without the roof.
+    #[test]
+    fn a_roof_shadows_the_floor_below_it() {
+        let shadowed = |triangles: Vec<[u32; 3]>, radius: f32| {
+            let positions = [square(1.0, 0.0), square(2.0, 1.5)].concat();
+            let mesh = Mesh {
+                normals: vec![[0.0, 0.0, 1.0]; positions.len()],
+                colors: vec![[0.0; 3]; positions.len()],
+                triangles,
+                positions,
+            };
+            let surface: Surface = SurfaceMeans::new(mesh, 1e-3).near_field().expect("there are triangles").into();
+            share_in_shadow(&surface, Vec3::Z, &Ball { center: [0.0; 3], radius })
+        };
+        let (floor, roof) = ([[0, 1, 2], [0, 2, 3]], [[4, 6, 5], [4, 7, 6]]);
+        // The corners of the floor are √2 from its centre, those of the roof √10.25.
+        assert_eq!(shadowed([floor, roof].concat(), 2.0), Some(1.0));
+        assert_eq!(shadowed(floor.to_vec(), 2.0), Some(0.0));
+        assert_eq!(shadowed([floor, roof].concat(), 4.0), Some(0.5), "the roof itself is lit");
+        assert_eq!(shadowed(floor.to_vec(), 1.0), None, "no corner is that near");
+    }
+
     /// Two horizontal squares under a sun, one above the other: the upper one is lit and shades the
     /// middle of the larger one below.
     #[test]
     fn reflected_surfaces_are_lit_by_lamps() {
-        let square = |half: f32, height: f32| {
-            [[-half, -half, height], [half, -half, height], [half, half, height], [-half, half, height]]
-        };
         let positions = [square(1.0, 1.0), square(0.5, 0.0), square(3.0, 0.0)].concat();
         let mesh = Mesh {
             normals: vec![[0.0, 0.0, 1.0]; positions.len()],

@@ -2,14 +2,19 @@
 
 use crate::{
     Scene, SceneError, ShadingModel, Surface,
+    camera_set::keep_light_still,
     export::UPRIGHT_COMMENT,
+    foreground::Foreground,
     import::{Imported, scene_of_glb},
     orbit::{self, near_plane, turntable},
     orientation::{of_gaussians, recorded_or_estimated, with_up},
 };
 use glam::Mat3;
 use serde_json::Value;
-use specula_core::camera::{Camera, near_of};
+use specula_core::{
+    camera::{Camera, near_of},
+    region::Ball,
+};
 use specula_cpu::morton::sort_in_space;
 use specula_io::{
     Input, Result,
@@ -46,6 +51,8 @@ pub struct OpenedModel {
     pub is_read_as_saved: bool,
     /// Notes on parts of the files that are ignored or changed, one sentence each.
     pub notes: Vec<String>,
+    /// Region that the scene was cropped to.
+    pub crop: Option<Foreground>,
     /// Orientation named by the file.
     up_of_file: Option<Orientation>,
 }
@@ -96,6 +103,7 @@ impl OpenedModel {
             is_relit: model.is_relit,
             is_read_as_saved,
             notes: model.notes,
+            crop: None,
             up_of_file,
         }
     }
@@ -117,6 +125,7 @@ impl OpenedModel {
             is_relit: false,
             is_read_as_saved: true,
             notes,
+            crop: None,
             up_of_file: Some(orientation),
         })
     }
@@ -129,7 +138,7 @@ impl OpenedModel {
     /// A `cameras.json` that cannot be read.
     pub fn cameras(&self) -> Result<Vec<NamedCamera>> {
         let mut cameras = self.lit_cameras()?;
-        cameras.iter_mut().for_each(|(_, camera)| camera.light_from_world = None);
+        keep_light_still(&mut cameras);
         Ok(cameras)
     }
 
@@ -237,6 +246,21 @@ impl OpenedModel {
         let found = recorded_or_estimated(self.info.as_ref(), cameras());
         let found = found.or(self.up_of_file).unwrap_or_else(|| of_gaussians(&self.scene.gaussians));
         Ok(up.map_or(found, |up| with_up(found, up, cameras())))
+    }
+
+    /// Removes the parts of the scene outside of a region ([`Scene::cropped`]). Returns the region
+    /// as a ball in the world of the scene; `None` for [`Foreground::All`], which removes nothing.
+    ///
+    /// # Errors
+    ///
+    /// A `cameras.json` that cannot be read.
+    pub fn crop(&mut self, region: Foreground) -> Result<Option<Ball>> {
+        let ball = region.ball(Some(&self.orientation(None)?), self.origin);
+        if let Some(ball) = &ball {
+            self.scene = self.scene.cropped(ball);
+            self.crop = Some(region);
+        }
+        Ok(ball)
     }
 
     /// Number of held-out views, which come first among the cameras; `None` if it is not recorded.

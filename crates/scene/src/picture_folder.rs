@@ -31,7 +31,8 @@ pub fn picture_name(index: usize) -> String {
 }
 
 /// Parts of a name, one for each difference from the model's default pictures: storage, projection,
-/// order, low-pass, background, and the profile that the attributes were read with.
+/// order, low-pass, background, the profile that the attributes were read with, and the region that
+/// the scene was cropped to.
 pub fn differences(
     opened: &OpenedModel,
     options: &RenderOptions,
@@ -64,7 +65,8 @@ pub fn differences(
         }
     });
     let profile = profile.filter(|_| !opened.is_read_as_saved).map(|profile| format!("as-{profile}"));
-    [storage, projection, order, low_pass, background, profile].into_iter().flatten().collect()
+    let crop = opened.crop.map(|region| format!("crop-{region}"));
+    [storage, projection, order, low_pass, background, profile, crop].into_iter().flatten().collect()
 }
 
 /// Parts of a name, one for each change to the light of a file.

@@ -13,8 +13,9 @@ use specula_core::{
     pack::Storage,
     plan::{Needs, Plan},
     prefilter::Levels,
+    region::Ball,
     rules::{Channels, RenderRules},
-    scene::{ALBEDO, Environment, Gaussians, RadianceActivation},
+    scene::{ALBEDO, Environment, Gaussians, MEAN, RadianceActivation},
 };
 use specula_io::{
     Result,
@@ -88,6 +89,22 @@ impl Scene {
     /// The same scene with some of its Gaussians.
     pub fn kept(&self, kept: &[usize]) -> Self {
         Self { gaussians: subset(&self.gaussians, kept, self.gaussians.layout), ..self.clone() }
+    }
+
+    /// The part of the scene in a ball: Gaussians with their means in it, and triangles of the
+    /// surface with their corners in it. Light that the rest occluded reaches physical materials.
+    pub fn cropped(&self, ball: &Ball) -> Self {
+        let is_inside = |index: &usize| ball.contains(self.gaussians.get::<3>(*index, MEAN));
+        let kept: Vec<usize> = (0..self.gaussians.count).filter(is_inside).collect();
+        let mut cropped = self.kept(&kept);
+        if let Some(surface) = &self.near_field {
+            cropped.near_field = near_field::within(surface, ball).map(Surface::shared);
+            let sky = self.light.as_ref().filter(|_| self.gaussians.layout.is_physical).map(Sky::new);
+            let surface = cropped.near_field.as_deref().zip(sky);
+            let ambient = surface.map(|(surface, sky)| (surface, Ambient::new(surface, &sky)));
+            set_ambient(&mut cropped.gaussians, ambient.as_ref().map(|(surface, ambient)| (&***surface, ambient)));
+        }
+        cropped
     }
 
     /// Levels of the filtered light; `None` without a light or lookups.
@@ -233,12 +250,51 @@ impl Scene {
 mod tests {
     use super::*;
     use specula_core::{
+        cubemap::FACE_COUNT,
         near_field::VERTEX_LEN,
-        scene::{Layout, METALNESS, len_of_values},
+        scene::{AMBIENT, Layout, METALNESS, len_of_values},
     };
+    use specula_mesh::{Mesh, near_field::SurfaceMeans};
 
     /// Largest error of an albedo that went through its logit.
     const ROUNDING: f32 = 1e-6;
+
+    /// Floor that sees a roof, and a Gaussian on each: without the roof light from all around
+    /// reaches the floor.
+    #[test]
+    fn light_reaches_materials_where_its_occluders_are_cropped() {
+        let layout = Layout::shaded(None).physical();
+        let ambient = layout.physical_planes().unwrap() + AMBIENT;
+        let mut gaussians = Gaussians { count: 2, layout, values: vec![0.0; len_of_values(2, layout)] };
+        for (index, height) in [0.0, 1.0].into_iter().enumerate() {
+            gaussians.set(index, MEAN, [0.0, 0.0, height]);
+            gaussians.set(index, ambient, [0.25; 3]);
+        }
+        let square = |height: f32| [[-0.5, -0.5, height], [0.5, -0.5, height], [0.5, 0.5, height], [-0.5, 0.5, height]];
+        let mesh = Mesh {
+            positions: [square(0.0), square(1.0)].concat(),
+            normals: [[[0.0, 0.0, 1.0]; 4], [[0.0, 0.0, -1.0]; 4]].concat(),
+            colors: vec![[0.0; 3]; 8],
+            triangles: vec![[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6]],
+        };
+        let near_field = SurfaceMeans::new(mesh, 1e-3).near_field().map(Surface::shared);
+        let values = vec![1.0; 3 * FACE_COUNT * 16 * 16];
+        let light = Some(Environment { resolution: 16, activation: RadianceActivation::Identity, values });
+        let scene = Scene { gaussians, light, near_field, lamps: None, shading_model: ShadingModel::DEFERRED };
+
+        let floor = scene.cropped(&Ball { center: [0.0; 3], radius: 0.8 });
+        assert_eq!((floor.gaussians.count, floor.gaussians.get::<3>(0, ambient)), (1, [1.0; 3]));
+        let surface = floor.near_field().expect("the floor is left");
+        assert_eq!((surface.triangle_count, surface.vertex_count, surface.check()), (2, 4, Ok(())));
+        assert!(surface.first_hit([0.1, 0.2, 0.5].into(), [0.0, 0.0, -1.0].into()).is_some());
+
+        let both = scene.cropped(&Ball { center: [0.0; 3], radius: 8.0 });
+        assert_eq!(both.near_field().map(|surface| surface.triangle_count), Some(4));
+        assert!((0.7..0.95).contains(&both.gaussians.get::<1>(0, ambient)[0]), "the roof still shades the floor");
+
+        let middle = scene.cropped(&Ball { center: [0.0; 3], radius: 0.1 });
+        assert!(middle.near_field.is_none() && middle.gaussians.get::<3>(0, ambient) == [1.0; 3]);
+    }
 
     #[test]
     fn only_albedos_are_scaled_up_to_one() {

@@ -111,6 +111,15 @@ fn every_link_of_the_documentation_resolves() {
     assert!(count > 50, "{count} links were found");
 }
 
+/// Largest number of words of README, which a reader skims.
+const README_WORDS_MAX: usize = 1100;
+
+#[test]
+fn the_readme_is_short() {
+    let words = fs::read_to_string(root().join("README.md")).expect("a page").split_whitespace().count();
+    assert!(words <= README_WORDS_MAX, "README.md has {words} words, more than {README_WORDS_MAX}");
+}
+
 #[test]
 fn the_table_of_contents_lists_each_page_once() {
     let docs = root().join("docs");

@@ -382,6 +382,7 @@ fn files_of_known_kinds_are_named() {
         ("a", b"v 1 2 3\n", ["PLY", "ply"]),
         ("chkpnt30000.pth", b"PK\x03\x04", ["checkpoint", "point_cloud.ply"]),
         ("a.bin", b"\x89PNG\r\n", ["picture", "not a scene"]),
+        ("a.MOV", b"\0\0\0\x14ftypqt", ["a video", "specula capture"]),
         ("a.las", b"LASF", ["point cloud", "--points"]),
     ] {
         let path = folder.path().join(name);

@@ -11,7 +11,9 @@ use std::{
     time::SystemTime,
 };
 
-/// Name of the locked file. It remains, empty, when the lock is released.
+/// Name of the locked file. It remains, empty, when the lock is released: if it were removed, a
+/// program that had opened it before could lock it while another one locks a new file. Comparing
+/// the names afterwards does not help on network file systems, which cache them.
 const NAME: &str = "training.lock";
 
 /// Lock of a folder, released when dropped. The operating system releases it in any case when the
