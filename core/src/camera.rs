@@ -37,6 +37,8 @@ pub struct Camera {
     /// Rotation from world axes to those of the picture's light ([`mod@crate::light_frame`]);
     /// `None` for a light that stands still in the world.
     pub light_from_world: Option<GlamMat3>,
+    /// Number of the picture's light among those of its scene, from 0; stages are given that light.
+    pub light: u32,
 }
 
 /// [`Camera::near`] of a scene with this camera extent: [`NEAR`], or less in a scene that is
@@ -103,6 +105,7 @@ impl Camera {
             width,
             height,
             light_from_world: None,
+            light: 0,
         }
     }
 
@@ -154,6 +157,7 @@ impl Camera {
             width,
             height,
             light_from_world: None,
+            light: 0,
         })
     }
 
@@ -257,6 +261,12 @@ impl Camera {
             near: like.constant(self.near),
             light: self.lift_light(like),
         }
+    }
+
+    /// The same camera under the scene's first light, which stands still in the world.
+    #[must_use]
+    pub const fn under_still_light(self) -> Self {
+        Self { light_from_world: None, light: 0, ..self }
     }
 
     /// Axes of the picture's light in the number type of formulas.

@@ -1,6 +1,6 @@
 //! Arguments that commands share: profile, orientation, executor, environment map.
 
-use super::parse::{executor, finite, order, projection};
+use super::parse::{executor, finite, order, positive, projection};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use specula_core::{
@@ -27,6 +27,10 @@ pub(crate) struct SceneOptions {
     /// vector.
     #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
     pub(crate) scene_up: Option<UpDirection>,
+    /// Light of a model that was trained under several: its number, from 1 [default: that of each
+    /// view of the data set, 1 for others].
+    #[arg(long, value_name = "N", value_parser = positive::<usize>)]
+    pub(crate) light: Option<usize>,
     #[command(flatten)]
     pub(crate) renderer: RendererOptions,
 }

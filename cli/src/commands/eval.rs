@@ -37,6 +37,7 @@ use std::{
 /// Measures, prints, and writes results and page.
 pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     let mut opened = scene::open(&args.scene, args.profile, args.antialiased.low_pass())?;
+    scene::select_light(&mut opened, args.light)?;
     shade(&mut opened.scene, args.shading.shading())?;
     note_oddities(&opened);
     note_missing_light(&opened.scene, "open the folder of its model");
@@ -183,7 +184,7 @@ fn measure_relit(
     albedo_scale: Option<[f32; 3]>,
 ) -> Result<Vec<RelitScene>, Failure> {
     let mut cameras = named_cameras(views);
-    cameras.iter_mut().for_each(|(_, camera)| camera.light_from_world = None);
+    cameras.iter_mut().for_each(|(_, camera)| *camera = camera.under_still_light());
     let background = background_of(opened, args.background);
     let renderer_under = |light: &Path, mut scene: Scene| -> Result<SceneRenderer, Failure> {
         relight(&mut scene, light, LightOptions::default(), up)?;

@@ -22,7 +22,8 @@ use std::{
 
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(args: &View) -> Result<(), Failure> {
-    let opened = scene::open(&args.scene, args.scene_options.profile, args.scene_options.antialiased.low_pass())?;
+    let mut opened = scene::open(&args.scene, args.scene_options.profile, args.scene_options.antialiased.low_pass())?;
+    scene::settle_light(&mut opened, args.scene_options.light)?;
     note_oddities(&opened);
     let lights = NamedLights::read(&args.lamps)?;
     if lights.has_lamps() && !opened.scene.gaussians.layout.is_physical {

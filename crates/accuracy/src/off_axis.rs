@@ -86,6 +86,7 @@ impl ProjectedGaussian {
             focal_px: [FOCAL; 2],
             principal_px: [0.0; 2],
             light_from_world: None,
+            light: 0,
             width: 1,
             height: 1,
             near: 0.0,

@@ -103,7 +103,7 @@ impl CameraSet {
 
     /// Keeps the light still in the scene, as one that replaces that of the training does.
     pub fn keep_light_still(&mut self) {
-        self.cameras.iter_mut().for_each(|(_, camera)| camera.light_from_world = None);
+        self.cameras.iter_mut().for_each(|(_, camera)| *camera = camera.under_still_light());
     }
 
     fn turn_upright(&mut self, up: Vec3) {

@@ -31,7 +31,7 @@ pub fn picture_name(index: usize) -> String {
 }
 
 /// Parts of a name, one for each difference from the model's default pictures: storage, projection,
-/// order, low-pass, background, and the profile that the attributes were read with.
+/// order, a selected light, low-pass, background, and the profile that the attributes were read with.
 pub fn differences(
     opened: &OpenedModel,
     options: &RenderOptions,
@@ -50,6 +50,7 @@ pub fn differences(
         BlendOrder::Window(count) => Some(format!("window-{count}")),
         BlendOrder::Pixel => Some("pixel-order".to_owned()),
     };
+    let light = opened.own_light.map(|number| format!("light{number}"));
     let layout = opened.scene.gaussians.layout;
     let low_pass = match layout.low_pass {
         LowPass::Compensated => Some("antialiased".to_owned()),
@@ -64,7 +65,7 @@ pub fn differences(
         }
     });
     let profile = profile.filter(|_| !opened.is_read_as_saved).map(|profile| format!("as-{profile}"));
-    [storage, projection, order, low_pass, background, profile].into_iter().flatten().collect()
+    [storage, projection, order, light, low_pass, background, profile].into_iter().flatten().collect()
 }
 
 /// Parts of a name, one for each change to the light of a file.
