@@ -1,9 +1,9 @@
 //! Arguments of the commands that measure: `specula eval`, `specula compare` and `specula report`.
 
 use super::{
-    parse::{downscale, positive},
+    parse::downscale,
     render::SplitName,
-    scene::{AntialiasedOption, ProfileName, RendererOptions, ShadingOption},
+    scene::{AntialiasedOption, OwnLightOption, ProfileName, RendererOptions, ShadingOption},
 };
 use clap::{Args, ValueEnum};
 use specula_scene::backdrop::BackgroundColor;
@@ -54,10 +54,8 @@ pub(crate) struct Eval {
     pub(crate) profile: Option<ProfileName>,
     #[command(flatten)]
     pub(crate) antialiased: AntialiasedOption,
-    /// Light of a model that was trained under several, for all views: its number, from 1
-    /// [default: that of each view].
-    #[arg(long, value_name = "N", value_parser = positive::<usize>)]
-    pub(crate) light: Option<usize>,
+    #[command(flatten)]
+    pub(crate) light: OwnLightOption,
     #[command(flatten)]
     pub(crate) shading: ShadingOption,
     #[command(flatten)]

@@ -27,12 +27,17 @@ pub(crate) struct SceneOptions {
     /// vector.
     #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
     pub(crate) scene_up: Option<UpDirection>,
-    /// Light of a model that was trained under several: its number, from 1 [default: that of each
-    /// view of the data set, 1 for others].
-    #[arg(long, value_name = "N", value_parser = positive::<usize>)]
-    pub(crate) light: Option<usize>,
     #[command(flatten)]
     pub(crate) renderer: RendererOptions,
+}
+
+/// Light of a model that was trained under several.
+#[derive(Args, Clone, Copy, Debug)]
+pub(crate) struct OwnLightOption {
+    /// Light of a model that was trained under several: its number, from 1 [default: that of each
+    /// view of the data set, 1 for others].
+    #[arg(long = "light", value_name = "N", value_parser = positive::<usize>)]
+    pub(crate) number: Option<usize>,
 }
 
 /// Low-pass filter for files that do not name one.

@@ -75,7 +75,7 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         .map(|(path, _)| prefilter::description_beside(path))
         .try_for_each(|path| prefilter::refuse_to_replace(&path))?;
     note_oddities(&opened);
-    match (&args.env, args.scene_options.light) {
+    match (&args.env, args.light.number) {
         (Some(_), Some(_)) => {
             return Err(Failure::Input("--env replaces the lights of the training; omit --light".into()));
         }

@@ -36,11 +36,6 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     if args.lights.turn_light.is_some() && (args.layers != [Layer::Rgb] || args.views.exr) {
         return Err(Failure::Input("--turn-light renders only colours; omit --layers and --exr".into()));
     }
-    if args.views.scene_options.light.is_some() {
-        return Err(Failure::Input(
-            "relight replaces the lights of the training; omit --light, or use specula render --light".into(),
-        ));
-    }
     refuse_transparent_layers(&args.views, &args.layers)?;
     let video = Video::requested(args.output.as_deref(), &args.views, &args.layers)?;
     let output = video.as_ref().map(Video::pictures).or(args.output.as_deref());

@@ -36,7 +36,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     let layers = video.as_ref().map_or(&args.layers[..], Video::layers);
     let ViewOptions { scene_options, .. } = &args.views;
     let mut opened = scene::open(&args.scene, scene_options.profile, scene_options.antialiased.low_pass())?;
-    scene::select_light(&mut opened, scene_options.light)?;
+    scene::select_light(&mut opened, args.light.number)?;
     let mut set = CameraSet::choose(&(&args.views).into(), &opened)?;
     if args.env.is_some() {
         set.keep_light_still();
@@ -100,7 +100,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
 
 /// Rejects options without effect, and error bounds that cannot be kept.
 fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
-    if args.env.is_some() && args.views.scene_options.light.is_some() {
+    if args.env.is_some() && args.light.number.is_some() {
         return Err(Failure::Input("--env replaces the lights of the training; omit --light".into()));
     }
     refuse_options_without_light(args.env.as_deref(), (&args.env_options).into())?;

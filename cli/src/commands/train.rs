@@ -253,6 +253,9 @@ fn light_pictures(args: &Train, profile: &Profile, data: &mut Capture) -> Result
     if profile.light.is_none() {
         return Err(Failure::Input(format!("--profile {} has no light; omit {source}", profile.name)));
     }
+    if data.lists_lights() && (lights_by.is_some() || *follows != LightFollows::Scene) {
+        tracing::warn!("{source} replaces the lights that the data set names");
+    }
     match (lights_by, *follows) {
         (Some(path), _) if path.as_os_str() == FOLDERS && !path.exists() => data.light_by_folder()?,
         (Some(path), _) => light_by_table(path, data)?,

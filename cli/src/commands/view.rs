@@ -23,7 +23,7 @@ use std::{
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(args: &View) -> Result<(), Failure> {
     let mut opened = scene::open(&args.scene, args.scene_options.profile, args.scene_options.antialiased.low_pass())?;
-    scene::settle_light(&mut opened, args.scene_options.light)?;
+    scene::settle_light(&mut opened, args.light.number)?;
     note_oddities(&opened);
     let lights = NamedLights::read(&args.lamps)?;
     if lights.has_lamps() && !opened.scene.gaussians.layout.is_physical {

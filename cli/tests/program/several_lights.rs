@@ -1,6 +1,6 @@
 //! Trainings of pictures under several lights.
 
-use crate::tiny::{Tiny, specula, train_by_default, train_relightable};
+use crate::tiny::{Tiny, specula, train_by_default};
 use serde_json::{Value, json};
 use specula_io::model_folder::{gaussians_at, light_at, numbered_light_at};
 use std::{
@@ -205,15 +205,18 @@ fn lights_that_a_model_does_not_have_are_refused() {
     assert!(said.contains("2 lights") && said.contains("no light 3"), "{said}");
     assert!(open(&["export"], 0).contains("light 1 of 2, \"noon\""));
     assert!(open(&["export", "--light", "2"], 0).contains("light 2 of 2, \"evening\""));
-    let said = stderr(specula().arg("relight").arg(&model).args(["--env", "sunset", "--light", "1"]), 2);
+    let said = stderr(specula().arg("render").arg(&model).args(["--env", "sunset", "--light", "1"]), 2);
     assert!(said.contains("omit --light"), "{said}");
+    let said = stderr(specula().arg("render").arg(&model).args(["--background", "env"]), 2);
+    assert!(said.contains("--light N"), "{said}");
 
     // Files of another model.
     let eval = || stderr(specula().arg("eval").arg(&model), 2);
     let second = numbered_light_at(&model, 30, 1);
     let bytes = fs::read(&second).unwrap();
-    let mut other = train_relightable(&tiny, "other");
-    other.args(["--executor", "cpu", "--light-resolution", "32", "--iterations", "1"]).assert().success();
+    let mut other = specula();
+    other.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path("other")).args(["--light-resolution", "32"]);
+    other.args(["--executor", "cpu", "--iterations", "1", "--random-points", "50"]).assert().success();
     fs::copy(light_at(&tiny.path("other"), 1), &second).unwrap();
     assert!(eval().contains("another model"));
     fs::remove_file(&second).unwrap();

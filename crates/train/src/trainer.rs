@@ -696,10 +696,12 @@ mod tests {
             [DIFFUSE, albedo].map(|plane| scene.get::<3>(0, plane))
         };
         let [diffuse, albedo] = planes(&mut trainer);
-        (0..4).for_each(|_| drop(trainer.step().expect("the CPU trains")));
+        (0..3).for_each(|_| drop(trainer.step().expect("the CPU trains")));
         let [begun, same] = planes(&mut trainer);
         assert!(begun != diffuse && same == albedo, "view-dependent colours find the surface");
-        (0..8).for_each(|_| drop(trainer.step().expect("the CPU trains")));
+        (3..12).for_each(|_| drop(trainer.step().expect("the CPU trains")));
+        let [begun, _] = planes(&mut trainer);
+        (12..16).for_each(|_| drop(trainer.step().expect("the CPU trains")));
         let [kept, fitted] = planes(&mut trainer);
         assert!(kept == begun && fitted != albedo, "then materials alone");
         assert_eq!(layout.sh_degree, None, "no residual harmonics");
