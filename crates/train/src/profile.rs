@@ -511,7 +511,7 @@ pub struct Ablation {
 
 /// Share of a training under several lights after which materials are fitted alone: from the start
 /// they do not find the surface (docs/lab/results.md).
-const ALONE_FROM: f32 = 0.3;
+const ALONE_FROM: f32 = 0.7;
 
 /// Learning rate of a light's network: those of Ref-NeRF's networks, falling to a tenth.
 const NETWORK_RATE: [f32; 2] = [2e-3, 2e-4];
@@ -608,11 +608,11 @@ impl Profile {
     }
 
     /// Profile for pictures under several lights, which have only their materials in common: they
-    /// are fitted alone after a start that finds the surface, and there are no residual harmonics.
-    /// Unchanged without materials.
+    /// are fitted in every iteration, alone after view-dependent colours have found the surface, and
+    /// there are no residual harmonics. Unchanged without materials.
     pub fn under_several_lights(mut self) -> Self {
         if let Some(physical) = &mut self.physical {
-            physical.alone_from = ALONE_FROM;
+            (physical.every, physical.alone_from) = (1, ALONE_FROM);
             self.layout.sh_degree = None;
         }
         self
@@ -851,9 +851,9 @@ mod tests {
         let several = one.clone().under_several_lights();
         assert!(!one.is_of_materials() && several.is_of_materials() && several.layout.sh_degree.is_none());
         let is_alone = |profile: &Profile, step| profile.physical.expect("materials").is_alone(step, 1000);
-        assert_eq!([1, 300, 301, 1000].map(|step| is_alone(&several, step)), [false, false, true, true]);
+        assert_eq!([1, 700, 701, 1000].map(|step| is_alone(&several, step)), [false, false, true, true]);
         assert!((0..=1000).all(|step| !is_alone(&one, step)));
-        assert!(several.step_cost(600, 1000, 40_000, 1e4) < one.step_cost(600, 1000, 40_000, 1e4), "one step of two");
+        assert!(several.step_cost(900, 1000, 40_000, 1e4) < one.step_cost(900, 1000, 40_000, 1e4), "one step of two");
         let plain = by_name("3dgs", 1000).expect("a profile");
         assert_eq!(plain.clone().under_several_lights(), plain);
     }

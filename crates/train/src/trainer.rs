@@ -665,6 +665,12 @@ mod tests {
         Trainer::new(CpuExecutor::new(), settings, &views(), &points)
     }
 
+    fn take(trainer: &mut Trainer<CpuExecutor>, steps: u32) {
+        for _ in 0..steps {
+            trainer.step().expect("the CPU trains");
+        }
+    }
+
     #[test]
     fn a_step_changes_the_light_of_its_picture() {
         let mut trainer = trainer(settings()).expect("there are views");
@@ -696,12 +702,12 @@ mod tests {
             [DIFFUSE, albedo].map(|plane| scene.get::<3>(0, plane))
         };
         let [diffuse, albedo] = planes(&mut trainer);
-        (0..3).for_each(|_| drop(trainer.step().expect("the CPU trains")));
+        take(&mut trainer, 3);
         let [begun, same] = planes(&mut trainer);
         assert!(begun != diffuse && same == albedo, "view-dependent colours find the surface");
-        (3..12).for_each(|_| drop(trainer.step().expect("the CPU trains")));
+        take(&mut trainer, 25);
         let [begun, _] = planes(&mut trainer);
-        (12..16).for_each(|_| drop(trainer.step().expect("the CPU trains")));
+        take(&mut trainer, 4);
         let [kept, fitted] = planes(&mut trainer);
         assert!(kept == begun && fitted != albedo, "then materials alone");
         assert_eq!(layout.sh_degree, None, "no residual harmonics");
