@@ -56,7 +56,14 @@ fn camera() -> Camera {
 }
 
 fn scene() -> Scene {
-    Scene { gaussians: ring(), light: None, near_field: None, lamps: None, shading_model: ShadingModel::PAPER }
+    Scene {
+        gaussians: ring(),
+        light: None,
+        other_lights: Vec::new(),
+        near_field: None,
+        lamps: None,
+        shading_model: ShadingModel::PAPER,
+    }
 }
 
 /// Lifts the second half of the Gaussians, and uploads only these.

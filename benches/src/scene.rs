@@ -112,6 +112,7 @@ impl<E: Executor> Scene<E> {
             environment_rate: 0.0,
             radiance_max: 100.0,
             number: 1,
+            light_number: 1,
         };
         train_step(exec, &mut self.state, &step).map(drop)
     }

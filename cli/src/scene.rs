@@ -95,6 +95,26 @@ fn shading_model_of(model: &Model, profile: Option<ProfileName>) -> Result<Shadi
     }
 }
 
+/// Puts all views of a model under one light of its training, if one is requested.
+pub(crate) fn select_light(opened: &mut OpenedModel, number: Option<usize>) -> Result<(), Failure> {
+    let Some(number) = number else { return Ok(()) };
+    opened.select_light(number).map_err(|error| Failure::Input(format!("{error}; change or omit --light")))
+}
+
+/// Puts a model under one light of its training, the first by default, and names it, if there are
+/// several.
+pub(crate) fn settle_light(opened: &mut OpenedModel, number: Option<usize>) -> Result<(), Failure> {
+    let count = 1 + opened.scene.other_lights.len();
+    if count == 1 {
+        return select_light(opened, number);
+    }
+    let number = number.unwrap_or(1);
+    select_light(opened, Some(number))?;
+    let name = opened.light_name(number).unwrap_or_default();
+    tracing::info!("light {number} of {count}, {name:?}; --light N selects another");
+    Ok(())
+}
+
 /// Warns about a model: another light, Gaussians that are not finite.
 pub(crate) fn note_oddities(opened: &OpenedModel) {
     if opened.is_relit {
@@ -134,6 +154,9 @@ pub(crate) fn backdrop_of(
         (Some(BackgroundChoice::Environment), Some((map, orientation))) => {
             Ok(Backdrop::from_map(&map, orientation, set.cameras.iter().map(|(_, camera)| camera)))
         }
+        (Some(BackgroundChoice::Environment), None) if !opened.scene.other_lights.is_empty() => Err(Failure::Input(
+            "--background env shows one light, and the model has several; choose one with --light N".into(),
+        )),
         (Some(BackgroundChoice::Environment), None) => scene_light().map(Backdrop::Environment).ok_or_else(|| {
             Failure::Input("the scene has no light for --background env; use --background black, white or R,G,B".into())
         }),

@@ -38,6 +38,8 @@ pub struct Camera {
     /// Rotation from world axes to those of the picture's light ([`mod@crate::light_frame`]);
     /// `None` for a light that stands still in the world.
     pub light_from_world: Option<GlamMat3>,
+    /// Number of the picture's light among those of its scene, from 0; stages are given that light.
+    pub light: u32,
     /// Part of the picture to render; `None` for all. Its pixels have the same bits as in the whole
     /// picture, and others may be empty.
     pub scissor: Option<Scissor>,
@@ -138,6 +140,7 @@ impl Camera {
             height,
             light_from_world: None,
             scissor: None,
+            light: 0,
         }
     }
 
@@ -190,6 +193,7 @@ impl Camera {
             height,
             light_from_world: None,
             scissor: None,
+            light: 0,
         })
     }
 
@@ -311,6 +315,12 @@ impl Camera {
             near: like.constant(self.near),
             light: self.lift_light(like),
         }
+    }
+
+    /// The same camera under the scene's first light, which stands still in the world.
+    #[must_use]
+    pub const fn under_still_light(self) -> Self {
+        Self { light_from_world: None, light: 0, ..self }
     }
 
     /// Axes of the picture's light in the number type of formulas.

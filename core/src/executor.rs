@@ -209,6 +209,8 @@ pub struct TrainingStep<'a, E: Executor> {
     pub radiance_max: f32,
     /// Number of this step, from 1.
     pub number: u32,
+    /// Number of this step among those of its light, from 1.
+    pub light_number: u32,
 }
 
 /// Results of one step.

@@ -246,7 +246,8 @@ fn take_step<E: Executor>(
     let light_grad = light_grad.or(gaussian_light_grad);
     if let (Some((environment, moments)), Some(light), Some(light_grad)) = (fitted_light, &light, &light_grad) {
         let grad = exec.prefilter_vjp(environment, light, light_grad)?;
-        exec.optimise_environment(environment, moments, grad, step.environment_rate, step.radiance_max, step.number)?;
+        let TrainingStep { environment_rate, radiance_max, light_number, .. } = *step;
+        exec.optimise_environment(environment, moments, grad, environment_rate, radiance_max, light_number)?;
     }
     Ok(())
 }

@@ -69,10 +69,10 @@ impl Needs {
         range.fold(self, |needs, index| needs.and(gaussians, index))
     }
 
-    /// Needs of the same Gaussians under a light, if there is one.
-    pub fn under<A: AsRef<[f32]>>(self, light: Option<&Environment<A>>) -> Self {
-        let radiance = light.map_or(0.0, |light| {
-            light.values.as_ref().iter().fold(0.0, |max, x| larger(max, radiance_bound(light.activation, *x)))
+    /// Needs of the same Gaussians under any of some lights.
+    pub fn under<'a, A: AsRef<[f32]> + 'a>(self, lights: impl IntoIterator<Item = &'a Environment<A>>) -> Self {
+        let radiance = lights.into_iter().fold(0.0, |max, light| {
+            light.values.as_ref().iter().fold(max, |max, x| larger(max, radiance_bound(light.activation, *x)))
         });
         Self { radiance, ..self }
     }

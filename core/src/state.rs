@@ -18,6 +18,9 @@ pub struct AdamMoments<A> {
     pub square: A,
 }
 
+/// A light under optimisation, and Adam's moments of its numbers.
+pub type FittedLight<A> = (Environment<A>, AdamMoments<A>);
+
 /// Statistics of each Gaussian since the last densification.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Statistics<A> {
@@ -40,7 +43,7 @@ pub struct SceneState<A> {
     /// Statistics for densification.
     pub statistics: Statistics<A>,
     /// The light and its moments; `None` for plain Gaussian splatting.
-    pub light: Option<(Environment<A>, AdamMoments<A>)>,
+    pub light: Option<FittedLight<A>>,
 }
 
 /// Exposures of the photographs, in the order of the views, with Adam's moments.
@@ -60,6 +63,9 @@ pub struct ExposureState {
 pub struct TrainingState<A> {
     /// The scene and its moments.
     pub scene: SceneState<A>,
+    /// Lights of pictures under others than the first, in the order of
+    /// [`Camera::light`](crate::camera::Camera::light) from 1.
+    pub other_lights: Vec<FittedLight<A>>,
     /// Near field for reflected rays, if there is one.
     pub near_field: Option<NearField<Vec<f32>>>,
     /// Exposures, if they are learned.

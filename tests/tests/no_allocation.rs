@@ -60,6 +60,7 @@ fn allocations(profile: &str, exposure: Option<&Exposure<f32>>) -> usize {
             environment_rate: 1e-3,
             radiance_max: 100.0,
             number,
+            light_number: number,
         };
         train_step(&mut exec, &mut scene, &step).expect("the CPU trains");
     }

@@ -265,6 +265,7 @@ fn make_network(folder: &Path) {
         gaussians: &gaussians,
         comments: &[],
         light: Some(&light),
+        other_lights: &[],
         near_field: Some(&near_field()),
         info: &info,
     };
@@ -288,6 +289,7 @@ fn make_checkpoint(folder: &Path) {
     let exposures = ExposureState { moments: AdamMoments { mean: maps.clone(), square: maps.clone() }, maps };
     let state = TrainingState {
         scene,
+        other_lights: Vec::new(),
         near_field: Some(near_field()),
         exposures: Some(exposures),
         order: vec![1, 0, 2],
@@ -395,8 +397,14 @@ fn make_cameras(folder: &Path) {
 fn make_model(folder: &Path) {
     let info = model_folder::ModelInfo { profile: "specula".into(), ..Default::default() };
     let gaussians = cloud(3, Layout::radiance(0));
-    let snapshot =
-        model_folder::Snapshot { gaussians: &gaussians, comments: &[], light: None, near_field: None, info: &info };
+    let snapshot = model_folder::Snapshot {
+        gaussians: &gaussians,
+        comments: &[],
+        light: None,
+        other_lights: &[],
+        near_field: None,
+        info: &info,
+    };
     model_folder::save(folder, 7, &snapshot).unwrap();
 }
 

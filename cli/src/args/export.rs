@@ -2,7 +2,7 @@
 
 use super::{
     parse::share,
-    scene::{EnvOptions, SceneOptions, Up},
+    scene::{EnvOptions, OwnLightOption, SceneOptions, Up},
 };
 use clap::{Args, ValueEnum};
 use specula_scene::backdrop::BackgroundColor;
@@ -93,6 +93,8 @@ pub(crate) struct Export {
     /// Background of the pictures that are compared; by default that of the training, else black.
     #[arg(long, value_name = "black|white|R,G,B")]
     pub(crate) background: Option<BackgroundColor>,
+    #[command(flatten)]
+    pub(crate) light: OwnLightOption,
     #[command(flatten)]
     pub(crate) scene_options: SceneOptions,
 }

@@ -3,7 +3,7 @@
 use super::{
     parse::downscale,
     render::SplitName,
-    scene::{AntialiasedOption, ProfileName, RendererOptions, ShadingOption},
+    scene::{AntialiasedOption, OwnLightOption, ProfileName, RendererOptions, ShadingOption},
 };
 use clap::{Args, ValueEnum};
 use specula_scene::backdrop::BackgroundColor;
@@ -54,6 +54,8 @@ pub(crate) struct Eval {
     pub(crate) profile: Option<ProfileName>,
     #[command(flatten)]
     pub(crate) antialiased: AntialiasedOption,
+    #[command(flatten)]
+    pub(crate) light: OwnLightOption,
     #[command(flatten)]
     pub(crate) shading: ShadingOption,
     #[command(flatten)]

@@ -3,7 +3,7 @@
 use super::{
     lights::Lights,
     parse::{error_bound, size},
-    scene::{EnvOptions, SceneOptions, ShadingOption},
+    scene::{EnvOptions, OwnLightOption, SceneOptions, ShadingOption},
 };
 use clap::{
     Args, ValueEnum,
@@ -55,6 +55,8 @@ pub(crate) struct Render {
     pub(crate) env: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) env_options: EnvOptions,
+    #[command(flatten)]
+    pub(crate) light: OwnLightOption,
     /// Render each view a second time with nothing skipped and print the largest difference. Exits
     /// with code 1 if it is not 0.
     #[arg(long)]

@@ -1,6 +1,6 @@
 //! Arguments that commands share: profile, orientation, executor, environment map.
 
-use super::parse::{crop, executor, finite, order, projection};
+use super::parse::{crop, executor, finite, order, positive, projection};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use specula_core::{
@@ -34,6 +34,15 @@ pub(crate) struct SceneOptions {
     pub(crate) crop: Option<Foreground>,
     #[command(flatten)]
     pub(crate) renderer: RendererOptions,
+}
+
+/// Light of a model that was trained under several.
+#[derive(Args, Clone, Copy, Debug)]
+pub(crate) struct OwnLightOption {
+    /// Light of a model that was trained under several: its number, from 1 [default: that of each
+    /// view of the data set, 1 for others].
+    #[arg(long = "light", value_name = "N", value_parser = positive::<usize>)]
+    pub(crate) number: Option<usize>,
 }
 
 /// Low-pass filter for files that do not name one.

@@ -368,8 +368,8 @@ pub(crate) struct Start {
     #[arg(long, value_name = "WHAT", default_value = LightFollows::Scene.name(), value_parser = light_follows)]
     #[serde(serialize_with = "as_name", skip_serializing_if = "is_still")]
     pub(crate) light_follows: LightFollows,
-    /// Table of how far the object was turned in each picture; see docs/datasets.md.
-    #[arg(long, value_name = "FILE", conflicts_with = "light_follows")]
+    /// Table of each picture's light and of turns of the object, or folders; see docs/datasets.md.
+    #[arg(long, value_name = "FILE|folders", conflicts_with = "light_follows")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) lights_by: Option<PathBuf>,
     /// Resolution of the cube map's faces: a power of two, at least 16 (official: 64); at most 128

@@ -3,7 +3,7 @@
 use super::{
     lights::LampOptions,
     parse::{address, token},
-    scene::{EnvUp, SceneOptions},
+    scene::{EnvUp, OwnLightOption, SceneOptions},
 };
 use clap::Args;
 use core::net::SocketAddr;
@@ -59,6 +59,8 @@ pub(crate) struct View {
     /// Background; by default that of the training, else black.
     #[arg(long, value_name = "black|white|R,G,B")]
     pub(crate) background: Option<BackgroundColor>,
+    #[command(flatten)]
+    pub(crate) light: OwnLightOption,
     #[command(flatten)]
     pub(crate) scene_options: SceneOptions,
 }

@@ -36,6 +36,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     let layers = video.as_ref().map_or(&args.layers[..], Video::layers);
     let ViewOptions { scene_options, .. } = &args.views;
     let mut opened = scene::open_as(&args.scene, scene_options)?;
+    scene::select_light(&mut opened, args.light.number)?;
     let mut set = CameraSet::choose(&(&args.views).into(), &opened)?;
     if args.env.is_some() {
         set.keep_light_still();
@@ -100,6 +101,9 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
 
 /// Rejects options without effect, and error bounds that cannot be kept.
 fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
+    if args.env.is_some() && args.light.number.is_some() {
+        return Err(Failure::Input("--env replaces the lights of the training; omit --light".into()));
+    }
     refuse_options_without_light(args.env.as_deref(), (&args.env_options).into())?;
     if args.max_error.is_some() && !Layer::expanded(&args.layers).contains(&Layer::Rgb) {
         return Err(Failure::Input("--max-error applies to colours; add rgb to --layers".into()));
@@ -145,6 +149,9 @@ fn render_within(
     }
     if opened.scene.shading_model.shading.form == ShadingForm::Physical {
         return Err(Failure::Input("--max-error does not support physical materials; use --shading view".into()));
+    }
+    if !opened.scene.other_lights.is_empty() {
+        return Err(Failure::Input("--max-error supports one light; choose one with --light N".into()));
     }
     let cameras = job.cameras.cameras.iter().map(|(_, camera)| *camera).collect();
     if job.layers.len() > 1 {
@@ -198,7 +205,14 @@ mod tests {
         let layout = Layout::radiance(0);
         let mut gaussians = Gaussians { count: 1, layout, values: vec![0.0; len_of_values(1, layout)] };
         gaussians.set(0, QUAT, [1.0, 0.0, 0.0, 0.0]);
-        Scene { gaussians, light: None, near_field: None, lamps: None, shading_model: ShadingModel::PAPER }
+        Scene {
+            gaussians,
+            light: None,
+            near_field: None,
+            lamps: None,
+            other_lights: Vec::new(),
+            shading_model: ShadingModel::PAPER,
+        }
     }
 
     #[test]

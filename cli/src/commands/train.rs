@@ -50,6 +50,9 @@ use std::{
     sync::{Arc, Mutex},
 };
 
+/// Value of `--lights-by` for a light per folder.
+const FOLDERS: &str = "folders";
+
 /// Trains, saves, and measures with `--eval`: as the only rank, as one of several, or on several
 /// ranks that are threads.
 pub(crate) fn run(args: &Train, ranks: &Ranks<'_>) -> Result<(), Failure> {
@@ -107,7 +110,8 @@ impl Prepared {
         let mut data = load(&args, ranks.local, exchange)?;
         let is_object = data.holds_objects();
         let profile = profile_of(&args, &data)?;
-        turn_lights(&args, &profile, &mut data)?;
+        light_pictures(&args, &profile, &mut data)?;
+        let profile = under_lights(&args, profile, &data)?;
         let background = background_of(&args, &data);
         let (iterations, seed) = (args.iterations, args.seed);
         let settings = Settings { profile, iterations, seed, background: background.0, random_points: 0 };
@@ -237,21 +241,31 @@ fn under_known_light(profile: Profile, reference: &LightReference, data: &Captur
     Ok(profile.under(radiance))
 }
 
-/// Turns the light of each picture, if the options say so.
-fn turn_lights(args: &Train, profile: &Profile, data: &mut Capture) -> Result<(), Failure> {
+/// Puts each picture under its light, if the options or the data set name it.
+fn light_pictures(args: &Train, profile: &Profile, data: &mut Capture) -> Result<(), Failure> {
     let args::Start { light_follows: follows, lights_by, .. } = &args.start;
-    let option = match (lights_by, *follows) {
-        (None, LightFollows::Scene) => return Ok(()),
+    let source = match (lights_by, *follows) {
+        (None, LightFollows::Scene) if !data.lists_lights() => return Ok(()),
+        (None, LightFollows::Scene) => "light of transforms.json",
         (None, _) => "--light-follows",
         (Some(_), _) => "--lights-by",
     };
     if profile.light.is_none() {
-        return Err(Failure::Input(format!("--profile {} has no light; omit {option}", profile.name)));
+        return Err(Failure::Input(format!("--profile {} has no light; omit {source}", profile.name)));
     }
-    if !data.holds_objects() && data.masks() == 0 {
+    if data.lists_lights() && (lights_by.is_some() || *follows != LightFollows::Scene) {
+        tracing::warn!("{source} replaces the lights that the data set names");
+    }
+    match (lights_by, *follows) {
+        (Some(path), _) if path.as_os_str() == FOLDERS && !path.exists() => data.light_by_folder()?,
+        (Some(path), _) => light_by_table(path, data)?,
+        (None, LightFollows::Scene) => data.light_by_list()?,
+        (None, _) => data.follow(*follows),
+    }
+    if data.has_turned_lights() && !data.holds_objects() && data.masks() == 0 {
         if *follows != LightFollows::Camera {
             return Err(Failure::Input(format!(
-                "{option} needs pictures cut out by alpha or masks, since what is behind a turned object does not turn; \
+                "{source} needs pictures cut out by alpha or masks, since what is behind a turned object does not turn; \
                  add masks (docs/datasets.md), or omit the option"
             )));
         }
@@ -260,18 +274,12 @@ fn turn_lights(args: &Train, profile: &Profile, data: &mut Capture) -> Result<()
              lamps on the camera"
         );
     }
-    match lights_by {
-        Some(path) => turn_by_table(path, data),
-        None => {
-            data.follow(*follows);
-            Ok(())
-        }
-    }
+    Ok(())
 }
 
-/// Turns the light of each picture by a table, which must know all of them.
-fn turn_by_table(path: &Path, data: &mut Capture) -> Result<(), Failure> {
-    let [lacking, unused] = data.turn_by(&LightTable::read(path)?);
+/// Puts each picture under its light in a table, which must know all of them.
+fn light_by_table(path: &Path, data: &mut Capture) -> Result<(), Failure> {
+    let [lacking, unused] = data.light_by_table(&LightTable::read(path)?)?;
     if let Some(first) = lacking.first() {
         let count = lacking.len();
         return Err(Failure::Input(format!(
@@ -282,6 +290,29 @@ fn turn_by_table(path: &Path, data: &mut Capture) -> Result<(), Failure> {
         tracing::warn!("{} lines of {path:?} name no picture, such as {first:?}", unused.len());
     }
     Ok(())
+}
+
+/// Profile for the lights of the pictures.
+fn under_lights(args: &Train, profile: Profile, data: &Capture) -> Result<Profile, Failure> {
+    let names = &data.light_names;
+    if names.len() < 2 {
+        return Ok(profile);
+    }
+    let fault = if profile.physical.is_none() {
+        "are fitted by materials; add --relightable, and omit --no-materials and --profile paper or official"
+    } else if args.views_per_step > 1 || args.ranks > 1 {
+        "are trained one picture per step, on one rank; omit --views-per-step and --ranks"
+    } else if args.start.light_reference.is_some() {
+        "cannot all be the one of --light-reference; omit it"
+    } else if args.max_error.is_some() {
+        "are fitted by materials, which --max-error does not support; omit it"
+    } else {
+        let count = |light: usize| data.train.iter().filter(|one| one.camera.light as usize == light).count();
+        let lights = names.iter().enumerate().map(|(light, name)| format!("{name:?} of {} pictures", count(light)));
+        tracing::info!("{} lights, one material: {}", names.len(), lights.collect::<Vec<_>>().join(", "));
+        return Ok(profile.under_several_lights());
+    };
+    Err(Failure::Input(format!("pictures under {} lights {fault}", names.len())))
 }
 
 /// Notes the bytes that a rank sent and the time that it waited.
@@ -459,6 +490,7 @@ fn thinned_points(points: Vec<Point>, profile: &Profile) -> Vec<Point> {
 
 fn info_of(args: &Train, settings: &Settings, data: &Capture) -> Result<ModelInfo, Failure> {
     let mut info = model_info(settings, [data.train.len(), data.test.len()], data.orientation);
+    info.set_light_names(&data.light_names);
     info.rest.insert("images".into(), args.photographs.images.as_str().into());
     info.rest.insert("test_every".into(), args.photographs.test_every.into());
     info.rest.insert("masks".into(), args.photographs.masks.name().into());

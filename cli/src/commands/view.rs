@@ -22,7 +22,8 @@ use std::{
 
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(args: &View) -> Result<(), Failure> {
-    let opened = scene::open_as(&args.scene, &args.scene_options)?;
+    let mut opened = scene::open_as(&args.scene, &args.scene_options)?;
+    scene::settle_light(&mut opened, args.light.number)?;
     note_oddities(&opened);
     let lights = NamedLights::read(&args.lamps)?;
     if lights.has_lamps() && !opened.scene.gaussians.layout.is_physical {

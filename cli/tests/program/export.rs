@@ -92,8 +92,14 @@ impl Ball {
         let rest = serde_json::json!({"test_views": TEST_VIEWS, "axis": "shortest", "prefilter": "exact"});
         let rest = rest.as_object().unwrap().clone();
         let info = ModelInfo { shading: "deferred".into(), rest, ..ModelInfo::default() };
-        let snapshot =
-            Snapshot { gaussians: &self.gaussians, comments: &[], light: Some(&light), near_field: None, info: &info };
+        let snapshot = Snapshot {
+            gaussians: &self.gaussians,
+            comments: &[],
+            light: Some(&light),
+            other_lights: &[],
+            near_field: None,
+            info: &info,
+        };
         model_folder::save(&self.model(), 7, &snapshot).unwrap();
         let camera = |k: usize| {
             let towards = on_sphere(k, CAMERAS);

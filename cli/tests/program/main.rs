@@ -30,6 +30,7 @@ mod python;
 mod reflections;
 mod report;
 mod resume;
+mod several_lights;
 mod site;
 mod tiny;
 mod view;

@@ -42,7 +42,14 @@ fn model_beside_a_wall(tiny: &Tiny) -> PathBuf {
     let (info, wall) = (model.info.unwrap(), wall());
     wall.check().unwrap();
     let (comments, light) = (&model.comments, model.light.as_ref());
-    let snapshot = Snapshot { gaussians: &model.gaussians, comments, light, near_field: Some(&wall), info: &info };
+    let snapshot = Snapshot {
+        gaussians: &model.gaussians,
+        comments,
+        light,
+        other_lights: &[],
+        near_field: Some(&wall),
+        info: &info,
+    };
     model_folder::save(&folder, 30, &snapshot).unwrap();
     folder
 }

@@ -919,7 +919,7 @@ fn suns_and_lamps_are_placed_and_dragged(browser: &Browser, tiny: &Tiny) {
     let file = tiny.path("lights.toml");
     fs::write(&file, page.eval("window.latest.text()").as_str().unwrap()).unwrap();
     page.wait("location.hash.includes('light=none')");
-    assert!(fs::read_to_string(&file).unwrap().contains("ground = true"));
+    assert!(fs::read_to_string(&file).unwrap().contains("ground = true"), "the file has the ground");
     let again = Site::of(&model, &["--quiet", "--lights", file.to_str().unwrap()]);
     let other = browser.open(&again.url, WIDE);
     assert!(is_same(&shown(&other), &in_darkness), "the file says the same");

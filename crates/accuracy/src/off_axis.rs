@@ -87,6 +87,7 @@ impl ProjectedGaussian {
             principal_px: [0.0; 2],
             light_from_world: None,
             scissor: None,
+            light: 0,
             width: 1,
             height: 1,
             near: 0.0,

@@ -158,6 +158,7 @@ impl Training {
             environment_rate: 0.0,
             radiance_max: f32::MAX,
             number: 3,
+            light_number: 3,
         };
         step(exec, &inputs).map_err(said)
     }

@@ -34,6 +34,9 @@ struct Entry {
     /// Rows of the rotation from world to light, omitted for a light that stands still.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     light_rotation: Option<[[f32; 3]; 3]>,
+    /// Number of the light, from 0; omitted for the first.
+    #[serde(default, skip_serializing_if = "is_first")]
+    light: u32,
     /// Principal point, omitted at the centre, where other tools expect it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     cx: Option<f32>,
@@ -125,6 +128,7 @@ impl Entry {
             fy: camera.focal_px[1],
             fx: camera.focal_px[0],
             light_rotation: camera.light_from_world.map(|light| light.transpose().to_cols_array_2d()),
+            light: camera.light,
             cx: off_centre.then_some(camera.principal_px[0]),
             cy: off_centre.then_some(camera.principal_px[1]),
         }
@@ -146,6 +150,7 @@ impl Entry {
             principal_px: [self.cx.unwrap_or(centre_x), self.cy.unwrap_or(centre_y)],
             light_from_world: self.light_rotation.and_then(rotation_of).map(|light| light.transpose()),
             scissor: None,
+            light: self.light,
             near: NEAR,
             width: self.width,
             height: self.height,
@@ -174,8 +179,14 @@ impl Entry {
     }
 }
 
+/// Whether a light is the first.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_first(light: &u32) -> bool {
+    *light == 0
+}
+
 /// Rotation with these columns; `None` for other matrices.
-fn rotation_of(columns: [[f32; 3]; 3]) -> Option<Mat3> {
+pub(crate) fn rotation_of(columns: [[f32; 3]; 3]) -> Option<Mat3> {
     let (rotation, _) = orthogonal(Mat3::from_cols_array_2d(&columns).as_dmat3())?;
     (rotation.determinant() > 0.0).then(|| rotation.as_mat3())
 }

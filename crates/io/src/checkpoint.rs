@@ -7,6 +7,7 @@
 //! grad_sum, view_count                          f32 [Gaussians]: statistics for densification
 //! light, light.mean, light.square               f32 [6, resolution, resolution, 3], with a light;
 //!                                               f32 [weights] where it is a network
+//! light_2, light_2.mean, light_2.square, …      lights of other groups of pictures
 //! near_field                                    f32 [numbers]: nodes, triangles and vertices of a
 //!                                               surface that reflected rays may meet
 //! exposure, exposure.mean, exposure.square      f32 [views, 3, 4], with learned exposures
@@ -27,7 +28,7 @@ use crate::{
     error::{Error, Result},
     whole_file, within,
 };
-use core::fmt::Display;
+use core::{fmt::Display, iter};
 use safetensors::{
     Dtype,
     tensor::{Metadata, TensorInfo},
@@ -39,9 +40,10 @@ use specula_core::{
     light_network::WEIGHT_COUNT,
     near_field::{INDEX_MAX, NearField, NearFieldError},
     scene::{BLOCK, Environment, Gaussians, Layout, RadianceActivation},
-    state::{AdamMoments, ExposureState, SceneState, Statistics, TrainingState},
+    state::{AdamMoments, ExposureState, FittedLight, SceneState, Statistics, TrainingState},
 };
 use std::{
+    borrow::Cow,
     collections::HashMap,
     fs::File,
     io::{self, Read, Seek, SeekFrom, Write},
@@ -146,10 +148,18 @@ struct Header {
     #[serde(default, skip_serializing_if = "core::ops::Not::not")]
     is_antialiased: bool,
     light: Option<LightHeader>,
+    /// Number of lights like that one, for other groups of pictures.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    other_lights: usize,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     near_field: Option<NearFieldHeader>,
     /// Number of photographs with exposures.
     exposures: Option<usize>,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(number: &usize) -> bool {
+    *number == 0
 }
 
 #[derive(Clone, Copy, Serialize, Deserialize)]
@@ -196,14 +206,14 @@ pub fn write(folder: &Path, checkpoint: &Checkpoint) -> Result<()> {
 
 /// A tensor to be written: name, type, shape, and numbers as 32-bit words.
 struct Tensor<'a> {
-    name: &'static str,
+    name: Cow<'static, str>,
     dtype: Dtype,
     shape: Vec<usize>,
     words: &'a [u32],
 }
 
 fn tensors_of(checkpoint: &Checkpoint) -> Vec<Tensor<'_>> {
-    let TrainingState { scene, near_field, exposures, order, .. } = &checkpoint.state;
+    let TrainingState { scene, other_lights, near_field, exposures, order, .. } = &checkpoint.state;
     let SceneState { gaussians, moments, statistics, light } = scene;
     let blocks = shape_of_gaussians(gaussians.count, gaussians.layout);
     let mut tensors = vec![
@@ -213,11 +223,10 @@ fn tensors_of(checkpoint: &Checkpoint) -> Vec<Tensor<'_>> {
         numbers("grad_sum", &[gaussians.count], &statistics.grad_sum),
         numbers("view_count", &[gaussians.count], &statistics.view_count),
     ];
-    if let Some((light, moments)) = light {
+    for (index, (light, moments)) in light.iter().chain(other_lights).enumerate() {
         let faces = shape_of_light(light.resolution, light.is_network());
-        tensors.push(numbers("light", &faces, &light.values));
-        tensors.push(numbers("light.mean", &faces, &moments.mean));
-        tensors.push(numbers("light.square", &faces, &moments.square));
+        let all = [&light.values, &moments.mean, &moments.square];
+        tensors.extend(light_names(index).into_iter().zip(all).map(|(name, values)| numbers(name, &faces, values)));
     }
     if let Some(near_field) = near_field {
         tensors.push(numbers("near_field", &[near_field.values.len()], &near_field.values));
@@ -228,12 +237,18 @@ fn tensors_of(checkpoint: &Checkpoint) -> Vec<Tensor<'_>> {
         tensors.push(numbers("exposure.mean", &shape, in_a_row(&moments.mean)));
         tensors.push(numbers("exposure.square", &shape, in_a_row(&moments.square)));
     }
-    tensors.push(Tensor { name: "order", dtype: Dtype::U32, shape: vec![order.len()], words: order });
+    tensors.push(Tensor { name: "order".into(), dtype: Dtype::U32, shape: vec![order.len()], words: order });
     tensors
 }
 
-fn numbers<'a>(name: &'static str, shape: &[usize], values: &'a [f32]) -> Tensor<'a> {
-    Tensor { name, dtype: Dtype::F32, shape: shape.to_vec(), words: bytemuck::cast_slice(values) }
+/// Names of the tensors of a light, of its number from 0.
+fn light_names(index: usize) -> [String; 3] {
+    let name = if index == 0 { "light".to_owned() } else { format!("light_{}", index + 1) };
+    ["", ".mean", ".square"].map(|part| format!("{name}{part}"))
+}
+
+fn numbers<'a>(name: impl Into<Cow<'static, str>>, shape: &[usize], values: &'a [f32]) -> Tensor<'a> {
+    Tensor { name: name.into(), dtype: Dtype::F32, shape: shape.to_vec(), words: bytemuck::cast_slice(values) }
 }
 
 fn shape_of_gaussians(count: usize, layout: Layout) -> [usize; 3] {
@@ -253,7 +268,8 @@ fn in_a_row(exposures: &[Exposure<f32>]) -> &[f32] {
 }
 
 fn header_bytes(checkpoint: &Checkpoint, tensors: &[Tensor<'_>]) -> io::Result<Vec<u8>> {
-    let TrainingState { scene: SceneState { gaussians, light, .. }, near_field, exposures, .. } = &checkpoint.state;
+    let TrainingState { scene, other_lights, near_field, exposures, .. } = &checkpoint.state;
+    let SceneState { gaussians, light, .. } = scene;
     let header = Header {
         format: FORMAT,
         facts: FactsHeader::of(checkpoint),
@@ -267,6 +283,7 @@ fn header_bytes(checkpoint: &Checkpoint, tensors: &[Tensor<'_>]) -> io::Result<V
             is_exponential: light.activation == RadianceActivation::Exponential,
             is_network: light.is_network(),
         }),
+        other_lights: other_lights.len(),
         near_field: near_field
             .as_ref()
             .map(|near_field| NearFieldHeader { sizes: near_field.sizes(), offset: near_field.offset }),
@@ -278,7 +295,7 @@ fn header_bytes(checkpoint: &Checkpoint, tensors: &[Tensor<'_>]) -> io::Result<V
         let end = start + size_of_val(*words);
         let info = TensorInfo { dtype: *dtype, shape: shape.clone(), data_offsets: (start, end) };
         start = end;
-        ((*name).to_owned(), info)
+        (name.clone().into_owned(), info)
     });
     let metadata = Metadata::new(Some(ours), infos.collect()).map_err(io::Error::other)?;
     let mut bytes = serde_json::to_vec(&metadata)?;
@@ -310,6 +327,7 @@ pub fn read(folder: &Path) -> Result<Checkpoint> {
         is_physical,
         is_antialiased,
         light,
+        other_lights,
         near_field,
         exposures,
         ..
@@ -332,15 +350,18 @@ pub fn read(folder: &Path) -> Result<Checkpoint> {
             grad_sum: reader.numbers("grad_sum", &[count])?,
             view_count: reader.numbers("view_count", &[count])?,
         },
-        light: light.map(|light| reader.light(light)).transpose()?,
+        light: light.map(|light| reader.light(light, 0)).transpose()?,
     };
+    // A light that the file lacks ends the reading, so the number need not be bounded.
+    let others = light.into_iter().flat_map(|light| iter::repeat_n(light, other_lights)).zip(1..);
+    let other_lights = others.map(|(light, index)| reader.light(light, index)).collect::<Result<_>>()?;
     let near_field = near_field.map(|header| reader.near_field(header)).transpose()?;
     let exposures = exposures.map(|count| reader.exposures(count)).transpose()?;
     let order = reader.order()?;
     let FactsHeader { program, iteration, iterations, seconds, psnr, nonfinite, .. } = facts;
     let FactsHeader { seed, config, settings, views, pictures, .. } = facts;
     Ok(Checkpoint {
-        state: TrainingState { scene, near_field, exposures, order, iteration, psnr, nonfinite },
+        state: TrainingState { scene, other_lights, near_field, exposures, order, iteration, psnr, nonfinite },
         facts: Facts { program, iterations, seconds, seed, config, settings, views, pictures },
     })
 }
@@ -432,7 +453,7 @@ impl Reader {
         }
     }
 
-    fn light(&mut self, header: LightHeader) -> Result<(Environment<Vec<f32>>, AdamMoments<Vec<f32>>)> {
+    fn light(&mut self, header: LightHeader, index: usize) -> Result<FittedLight<Vec<f32>>> {
         let LightHeader { resolution, is_exponential, is_network } = header;
         let faces = shape_of_light(resolution, is_network);
         let activation = match (is_network, is_exponential) {
@@ -440,8 +461,9 @@ impl Reader {
             (false, true) => RadianceActivation::Exponential,
             (false, false) => RadianceActivation::Identity,
         };
-        let light = Environment { resolution, activation, values: self.numbers("light", &faces)? };
-        Ok((light, self.moments(["light.mean", "light.square"], &faces)?))
+        let [numbers, mean, square] = light_names(index);
+        let light = Environment { resolution, activation, values: self.numbers(&numbers, &faces)? };
+        Ok((light, self.moments([&mean, &square], &faces)?))
     }
 
     fn near_field(&mut self, header: NearFieldHeader) -> Result<NearField<Vec<f32>>> {

@@ -12,7 +12,7 @@ use crate::{
     named::Files,
     photographs::{self, Folders, HeldOut, Posed},
     points_ply::{self, PointCloud},
-    shot::Pose,
+    shot::{PictureLight, Pose},
     within,
 };
 use glam::DVec3;
@@ -188,6 +188,7 @@ fn posed(model: &Model, image: Image, place: PathBuf, cameras: &mut BTreeMap<u32
         image: place,
         mask: None,
         pose,
+        light: PictureLight::default(),
         measured_size: Some([lens.width, lens.height]),
         lens: Box::new(move |[width, height]| Ok(lens.resized(width, height))),
     })

@@ -28,7 +28,7 @@ use std::path::{Path, PathBuf};
 
 pub use crate::{
     listing::{IMAGES, LoadOptions, MaskUse, TEST_EVERY},
-    shot::{Changes, View},
+    shot::{Changes, PictureLight, View},
 };
 
 /// Contents of a data set, besides its pictures.
@@ -135,6 +135,11 @@ impl Album {
     /// Path of a picture.
     pub fn path(&self, index: usize) -> &Path {
         &self.shots[index].image
+    }
+
+    /// Light of a picture.
+    pub fn light(&self, index: usize) -> &PictureLight {
+        &self.shots[index].light
     }
 
     /// Returns whether a picture has ground-truth materials.

@@ -1,16 +1,17 @@
-//! Table of lights: how far the object was turned under its light in each picture.
+//! Table of lights: under which light each picture was taken, and how far the object was turned.
 //!
-//! A line has a picture, the name of a group, and the degrees by which the object was turned about
-//! the up direction in that group, counterclockwise from above. The picture is named by the end of
-//! its path, with or without the extension. Words are separated by spaces or commas; what follows a
-//! `#` is a comment.
+//! A line of two words has a picture and the name of its light. A line of three words has a picture,
+//! the name of a group, and the degrees by which the object was turned about the up direction in that
+//! group, counterclockwise from above; all such groups share one light. With a fourth word, the name
+//! of a light, only groups that name it do. A picture is named by the end of its path, with or without
+//! the extension. Words are separated by spaces or commas; what follows a `#` is a comment.
 //!
 //! ```text
-//! # picture  group   degrees
-//! IMG_0001   first         0
-//! IMG_0002   first         0
-//! IMG_0041   second       90
-//! IMG_0042   second       90
+//! # picture  group   degrees            # picture  light
+//! IMG_0001   first         0            IMG_0001   noon
+//! IMG_0002   first         0            IMG_0002   noon
+//! IMG_0041   second       90            IMG_0041   evening
+//! IMG_0042   second       90            IMG_0042   evening
 //! ```
 
 use crate::{
@@ -22,10 +23,29 @@ use std::{
     path::Path,
 };
 
-/// Turns of the object, by picture.
+/// Name of the light of groups that name none.
+pub const SHARED: &str = "shared";
+
+/// Light of a picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TableLight {
+    /// Name of the light.
+    pub name: String,
+    /// Degrees by which the object was turned under it; `None` if the table has none.
+    pub degrees: Option<f64>,
+}
+
+/// Lights by picture.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LightTable {
-    degrees: HashMap<String, f64>,
+    lights: HashMap<String, TableLight>,
+}
+
+/// A group of pictures: its first line, its light, and the number of its pictures.
+struct Group {
+    line: usize,
+    light: TableLight,
+    count: usize,
 }
 
 impl LightTable {
@@ -34,57 +54,71 @@ impl LightTable {
     /// # Errors
     ///
     /// [`Error::Place`] for a line of another form, a picture that is named twice, a group with
-    /// two angles, or a group of one picture; [`Error::Read`] and [`Error::TooLarge`].
+    /// two angles or lights, or a group of one picture; [`Error::Read`] and [`Error::TooLarge`].
     pub fn read(path: &Path) -> Result<Self> {
         let refuse = |line: usize, what: String| {
             Err(Error::Place { path: path.to_owned(), place: format!("line {}", line + 1), what })
         };
         let text = String::from_utf8_lossy(&LIST.read(path)?).into_owned();
-        let (mut degrees, mut groups) = (HashMap::new(), BTreeMap::<String, (usize, f64, usize)>::new());
+        let (mut lights, mut groups) = (HashMap::new(), BTreeMap::<String, Group>::new());
         for (line, words) in text.lines().enumerate() {
             let words = words.split('#').next().unwrap_or_default();
             let words: Vec<&str> = words.split([' ', '\t', ',']).filter(|word| !word.is_empty()).collect();
-            let [picture, group, turn] = match words[..] {
+            let (picture, group, turn, name) = match words[..] {
                 [] => continue,
-                [picture, group, turn] => [picture, group, turn],
-                _ => return refuse(line, "has not three words; give picture, group and degrees".into()),
+                [picture, light] => (picture, light, None, light),
+                [picture, group, turn] => (picture, group, Some(turn), SHARED),
+                [picture, group, turn, light] => (picture, group, Some(turn), light),
+                _ => {
+                    let what = "has not two to four words; give picture and light, or picture, group and degrees";
+                    return refuse(line, what.into());
+                }
             };
-            let Some(turn) = turn.parse::<f64>().ok().filter(|turn| turn.is_finite()) else {
+            let degrees = turn.map(|turn| turn.parse::<f64>().ok().filter(|turn| turn.is_finite()));
+            if degrees == Some(None) {
+                let turn = turn.unwrap_or_default();
                 return refuse(line, format!("has the angle {turn:?}; give the degrees as a number"));
-            };
-            let (first, angle, count) = groups.entry(group.to_owned()).or_insert((line, turn, 0));
-            *count += 1;
-            if *angle != turn {
-                let what =
-                    format!("turns group {group:?} by {turn}°, and line {} by {angle}°; use two groups", *first + 1);
-                return refuse(line, what);
             }
-            if degrees.insert(stem(picture).to_owned(), turn).is_some() {
+            let light = TableLight { name: name.to_owned(), degrees: degrees.flatten() };
+            let first = Group { line, light: light.clone(), count: 0 };
+            let found = groups.entry(group.to_owned()).or_insert(first);
+            found.count += 1;
+            if found.light != light {
+                let (own, other, first) = (described(&light), described(&found.light), found.line + 1);
+                return refuse(line, format!("puts group {group:?} {own}, and line {first} {other}; use two groups"));
+            }
+            if lights.insert(stem(picture).to_owned(), light).is_some() {
                 return refuse(line, format!("names {picture:?} again; keep one of the lines"));
             }
         }
-        if let Some((group, (line, ..))) = groups.iter().find(|(_, (_, _, count))| *count < 2) {
-            return refuse(*line, format!("is all of group {group:?}; a light needs two pictures or more"));
+        if let Some((group, found)) = groups.iter().find(|(_, found)| found.count < 2) {
+            return refuse(found.line, format!("is all of group {group:?}; a light needs two pictures or more"));
         }
-        Ok(Self { degrees })
+        Ok(Self { lights })
     }
 
-    /// Degrees by which the object was turned in a picture, with its name in the table: the longest
-    /// that its path ends with. `None` for a picture that is not in the table.
-    pub fn turn_of(&self, path: &Path) -> Option<(&str, f64)> {
+    /// Light of a picture, with its name in the table: the longest that its path ends with. `None`
+    /// for a picture that is not in the table.
+    pub fn light_of(&self, path: &Path) -> Option<(&str, &TableLight)> {
         let path = path.to_string_lossy().replace('\\', "/");
         let whole = stem(&path);
         let mut starts = core::iter::once(0).chain(whole.match_indices('/').map(|(slash, _)| slash + 1));
-        let found = starts.find_map(|start| self.degrees.get_key_value(&whole[start..]));
-        found.map(|(name, degrees)| (name.as_str(), *degrees))
+        let found = starts.find_map(|start| self.lights.get_key_value(&whole[start..]));
+        found.map(|(name, light)| (name.as_str(), light))
     }
 
     /// Names in the table, in their order.
     pub fn names(&self) -> Vec<&str> {
-        let mut names: Vec<&str> = self.degrees.keys().map(String::as_str).collect();
+        let mut names: Vec<&str> = self.lights.keys().map(String::as_str).collect();
         names.sort_unstable();
         names
     }
+}
+
+/// Light of a group for a message.
+fn described(TableLight { name, degrees }: &TableLight) -> String {
+    let turn = degrees.map_or(String::new(), |degrees| format!(" by {degrees}°"));
+    format!("under {name:?}{turn}")
 }
 
 /// Name of a picture without the extension of an image and without `./`.
@@ -113,7 +147,7 @@ mod tests {
     fn tables_name_the_turn_of_each_picture() {
         let table =
             read("# all\na.png one 0\n./b  one 0 # same\n\nrow/c.JPG,two,-90.5\nd,two,-90.5\n").expect("it is one");
-        let turn = |path: &str| table.turn_of(Path::new(path));
+        let turn = |path: &str| table.light_of(Path::new(path)).map(|(name, light)| (name, light.degrees.unwrap()));
         assert_eq!(turn("data/images/a.png"), Some(("a", 0.0)));
         assert_eq!(turn("b.jpg"), Some(("b", 0.0)));
         assert_eq!(turn("data/row/c.png"), Some(("row/c", -90.5)));
@@ -122,12 +156,23 @@ mod tests {
     }
 
     #[test]
+    fn groups_have_a_light_of_their_own_or_share_one() {
+        let table = read("a noon\nb noon\nc turned 90 noon\nd turned 90 noon\ne evening\nf evening\ng x 5\nh x 5\n");
+        let table = table.expect("it is one");
+        let light = |name: &str| table.light_of(Path::new(name)).map(|(_, light)| (light.name.as_str(), light.degrees));
+        assert_eq!(light("b.png"), Some(("noon", None)));
+        assert_eq!(light("c"), Some(("noon", Some(90.0))));
+        assert_eq!([light("f"), light("g")], [Some(("evening", None)), Some((SHARED, Some(5.0)))]);
+    }
+
+    #[test]
     fn wrong_tables_are_refused_with_their_line() {
         for (text, parts) in [
-            ("a one 0\nb one\n", ["line 2", "three words"]),
+            ("a one 0\nb one\n", ["line 2", "two groups"]),
+            ("a\n", ["line 1", "two to four words"]),
             ("a one 0\nb one ?\n", ["line 2", "\"?\""]),
             ("a one inf\n", ["line 1", "number"]),
-            ("a one 0\nb one 90\n", ["line 2", "line 1 by 0°"]),
+            ("a one 0\nb one 90\n", ["line 2", "line 1 under \"shared\" by 0°"]),
             ("a one 0\na.png one 0\n", ["line 2", "again"]),
             ("a one 0\nb one 0\nc two 5\n", ["line 3", "two pictures"]),
         ] {

@@ -3,7 +3,8 @@
 //! ```text
 //! <model>/point_cloud/iteration_N/point_cloud.ply   Gaussians, written last
 //!         light/iteration_N/environment.exr         lossless light: six faces in a column
-//!         light/iteration_N/network.safetensors     light that is a network
+//!         light/iteration_N/environment_2.exr, …    lights of other groups of pictures
+//!         light/iteration_N/network.safetensors     light that is a network; network_2.safetensors, …
 //!         light/iteration_N/near_field.safetensors  surface that reflected rays may meet
 //!         brdf_mlp/iteration_N/brdf_mlp.hdr         light for GaussianShader: lat-long, y up
 //!         cameras.json                              test views, then training views
@@ -68,6 +69,8 @@ const IDENTITY_METRIC: &str = "PSNR";
 const TIMELINE: &str = "timeline.json";
 /// File that is locked while files of metrics are read, changed and written.
 const RESULTS_LOCK: &str = "results.lock";
+/// Entry of `specula.json` with the names of lights.
+const LIGHTS: &str = "lights";
 /// Folders with a subfolder for each iteration.
 const ITERATIONS: [&str; 3] = ["point_cloud", "light", "brdf_mlp"];
 
@@ -108,6 +111,21 @@ pub struct ModelInfo {
     pub rest: Map<String, Value>,
 }
 
+impl ModelInfo {
+    /// Names of the lights of groups of pictures; empty for a single light.
+    pub fn light_names(&self) -> Vec<&str> {
+        let names = self.rest.get(LIGHTS).and_then(Value::as_array);
+        names.into_iter().flatten().filter_map(Value::as_str).collect()
+    }
+
+    /// Sets the names of the lights of groups of pictures; none for a single light.
+    pub fn set_light_names(&mut self, names: &[String]) {
+        if names.len() > 1 {
+            self.rest.insert(LIGHTS.into(), names.into());
+        }
+    }
+}
+
 /// Model to be saved.
 #[derive(Clone, Copy, Debug)]
 pub struct Snapshot<'a> {
@@ -117,6 +135,8 @@ pub struct Snapshot<'a> {
     pub comments: &'a [String],
     /// Light; `None` for plain Gaussian splatting.
     pub light: Option<&'a Environment<Vec<f32>>>,
+    /// Lights of other groups of pictures.
+    pub other_lights: &'a [Environment<Vec<f32>>],
     /// Surface that reflected rays may hit; `None` if they see only the distant light.
     pub near_field: Option<&'a NearField<Vec<f32>>>,
     /// Settings.
@@ -136,6 +156,8 @@ pub struct Model {
     /// Light as radiance ([`RadianceActivation::Identity`]), or as a network; `None` for plain
     /// Gaussian splatting.
     pub light: Option<Environment<Vec<f32>>>,
+    /// Lights of other groups of pictures.
+    pub other_lights: Vec<Environment<Vec<f32>>>,
     /// Surface that reflected rays may hit; `None` if they see only the distant light.
     pub near_field: Option<NearField<Vec<f32>>>,
     /// True if the light is a `brdf_mlp.hdr` that replaced the saved one.
@@ -208,7 +230,7 @@ pub fn save(folder: &Path, iteration: u32, snapshot: &Snapshot<'_>) -> Result<()
     saved.push(iteration);
     write_info(folder, &ModelInfo { saved, ..snapshot.info.clone() })?;
     if let Some(light) = snapshot.light {
-        save_light(folder, iteration, light)?;
+        save_lights(folder, iteration, light, snapshot.other_lights)?;
     }
     let near_field = near_field_at(folder, iteration);
     match snapshot.near_field {
@@ -297,16 +319,31 @@ fn remove_children(folder: &Path, is_ours: impl Fn(&Path) -> bool) -> Result<()>
     ours.try_for_each(|child| fs::remove_dir_all(&child).map_err(|cause| Error::Write { path: child, cause }))
 }
 
-fn save_light(folder: &Path, iteration: u32, light: &Environment<Vec<f32>>) -> Result<()> {
-    let radiance = radiance_of(light);
-    latlong::write_cube_exr(&light_at(folder, iteration), &radiance, light.resolution)?;
-    if light.is_network() {
-        network::write(&network_at(folder, iteration), light)?;
-    } else {
-        remove_file(&network_at(folder, iteration))?;
+/// Writes lights, and removes those of an earlier training with more of them.
+fn save_lights(
+    folder: &Path,
+    iteration: u32,
+    light: &Environment<Vec<f32>>,
+    others: &[Environment<Vec<f32>>],
+) -> Result<()> {
+    for (index, light) in core::iter::once(light).chain(others).enumerate() {
+        latlong::write_cube_exr(&numbered_light_at(folder, iteration, index), &radiance_of(light), light.resolution)?;
+        if light.is_network() {
+            network::write(&numbered_network_at(folder, iteration, index), light)?;
+        } else {
+            remove_file(&numbered_network_at(folder, iteration, index))?;
+        }
+    }
+    for index in 1 + others.len().. {
+        let former = numbered_light_at(folder, iteration, index);
+        if !holds(&former)? {
+            break;
+        }
+        remove_file(&former)?;
+        remove_file(&numbered_network_at(folder, iteration, index))?;
     }
     let [width, height] = HDR_SIZE;
-    let map = latlong::from_cube(&radiance, light.resolution, width, height, UpAxis::Y);
+    let map = latlong::from_cube(&radiance_of(light), light.resolution, width, height, UpAxis::Y);
     latlong::write(&hdr_at(folder, iteration), &map)
 }
 
@@ -473,15 +510,19 @@ pub fn open_iteration(folder: &Path, iteration: u32) -> Result<Model> {
     }
     let file = gaussian_ply::read(&path)?;
     let (light, is_relit) = read_light(folder, iteration)?;
+    let info = read_info(folder)?.filter(|info| info.saved.is_empty() || info.saved.contains(&iteration));
+    let other_lights =
+        if is_relit { Vec::new() } else { read_other_lights(folder, iteration, light.as_ref(), info.as_ref())? };
     let near_field = near_field_at(folder, iteration);
     Ok(Model {
         gaussians: file.gaussians,
         comments: file.comments,
         notes: file.notes,
         light,
+        other_lights,
         near_field: if holds(&near_field)? { Some(near_field::read(&near_field)?) } else { None },
         is_relit,
-        info: read_info(folder)?.filter(|info| info.saved.is_empty() || info.saved.contains(&iteration)),
+        info,
         iteration: Some(iteration),
         are_materials: file.are_materials,
     })
@@ -497,6 +538,7 @@ fn open_ply(path: &Path) -> Result<Model> {
         comments: file.comments,
         notes: file.notes,
         light: None,
+        other_lights: Vec::new(),
         near_field: None,
         is_relit: false,
         info: None,
@@ -528,16 +570,11 @@ pub fn read_info(folder: &Path) -> Result<Option<ModelInfo>> {
     if holds(&path)? { json::read(&path, &FACTS).map(Some) } else { Ok(None) }
 }
 
-/// Reads the light, and whether it replaces the saved one.
+/// Reads the first light, and whether it replaces the saved one.
 fn read_light(folder: &Path, iteration: u32) -> Result<(Option<Environment<Vec<f32>>>, bool)> {
-    let (exact, hdr) = (light_at(folder, iteration), hdr_at(folder, iteration));
-    let exact = if holds(&exact)? { Some(identity(latlong::read_cube_exr(&exact)?)) } else { None };
+    let hdr = hdr_at(folder, iteration);
+    let exact = read_saved_light(folder, iteration, 0)?;
     let map = if holds(&hdr)? { Some(latlong::read(&hdr)?.0) } else { None };
-    let network = network_at(folder, iteration);
-    let exact = match exact {
-        Some(exact) if holds(&network)? => Some(network::read_beside(&network, &exact)?),
-        exact => exact,
-    };
     Ok(match (exact, map) {
         (Some(exact), Some(map)) if is_of(&exact, &map) => (Some(exact), false),
         (exact, Some(map)) => {
@@ -546,6 +583,45 @@ fn read_light(folder: &Path, iteration: u32) -> Result<(Option<Environment<Vec<f
         }
         (exact, None) => (exact, false),
     })
+}
+
+/// Reads a light as it was saved, by its index.
+fn read_saved_light(folder: &Path, iteration: u32, index: usize) -> Result<Option<Environment<Vec<f32>>>> {
+    let (exact, network) = (numbered_light_at(folder, iteration, index), numbered_network_at(folder, iteration, index));
+    if !holds(&exact)? {
+        return Ok(None);
+    }
+    let exact = identity(latlong::read_cube_exr(&exact)?);
+    if holds(&network)? { network::read_beside(&network, &exact).map(Some) } else { Ok(Some(exact)) }
+}
+
+/// Reads the lights after the first, as many as `specula.json` names, or else as there are.
+fn read_other_lights(
+    folder: &Path,
+    iteration: u32,
+    first: Option<&Environment<Vec<f32>>>,
+    info: Option<&ModelInfo>,
+) -> Result<Vec<Environment<Vec<f32>>>> {
+    let Some(resolution) = first.map(|light| light.resolution) else { return Ok(Vec::new()) };
+    let named = info.map(|info| info.light_names().len());
+    let mut others = Vec::new();
+    for index in 1..named.unwrap_or(usize::MAX) {
+        let Some(light) = read_saved_light(folder, iteration, index)? else { break };
+        others.push(light);
+    }
+    let path = |index: usize| numbered_light_at(folder, iteration, index);
+    if let Some(missing) = named.filter(|named| *named > 1 + others.len()) {
+        let what = format!("does not exist, but the model has {missing} lights; copy the whole folder of the model");
+        return Err(Error::Place { path: path(1 + others.len()), place: "the light".into(), what });
+    }
+    if let Some(index) = others.iter().position(|light| light.resolution != resolution) {
+        let what = format!(
+            "has faces of {} texels, and that of the first light of {resolution}; it is of another model",
+            others[index].resolution
+        );
+        return Err(Error::Place { path: path(1 + index), place: "the light".into(), what });
+    }
+    Ok(others)
 }
 
 fn identity((values, resolution): (Vec<f32>, usize)) -> Environment<Vec<f32>> {
@@ -570,14 +646,28 @@ pub fn gaussians_at(folder: &Path, iteration: u32) -> PathBuf {
     folder.join(format!("point_cloud/iteration_{iteration}/point_cloud.ply"))
 }
 
-/// Path of the lossless light of an iteration.
+/// Path of the lossless light of an iteration, the first of several.
 pub fn light_at(folder: &Path, iteration: u32) -> PathBuf {
-    folder.join(format!("light/iteration_{iteration}/environment.exr"))
+    numbered_light_at(folder, iteration, 0)
 }
 
-/// Path of the network of an iteration's light.
+/// Path of a lossless light of an iteration, by its index from 0.
+pub fn numbered_light_at(folder: &Path, iteration: u32, index: usize) -> PathBuf {
+    folder.join(format!("light/iteration_{iteration}/environment{}.exr", suffix_of_light(index)))
+}
+
+/// Path of the network of an iteration's light, the first of several.
 pub fn network_at(folder: &Path, iteration: u32) -> PathBuf {
-    folder.join(format!("light/iteration_{iteration}/network.safetensors"))
+    numbered_network_at(folder, iteration, 0)
+}
+
+fn numbered_network_at(folder: &Path, iteration: u32, index: usize) -> PathBuf {
+    folder.join(format!("light/iteration_{iteration}/network{}.safetensors", suffix_of_light(index)))
+}
+
+/// End of the names of a light's files: none for the first, then `_2`, `_3`, ….
+fn suffix_of_light(index: usize) -> String {
+    if index == 0 { String::new() } else { format!("_{}", index + 1) }
 }
 
 /// Path of the near field of an iteration.

@@ -14,7 +14,7 @@ use crate::{
     masks,
     materials::MaterialFiles,
     named::{Absent, Files, key_of, stem_of},
-    shot::{Pose, Shot, find_image, is_macos_shadow, name_of, without_image_ending},
+    shot::{PictureLight, Pose, Shot, find_image, is_macos_shadow, name_of, without_image_ending},
 };
 use core::fmt::Debug;
 use std::{
@@ -34,6 +34,7 @@ pub(crate) struct Posed {
     /// Mask as the list names it.
     pub(crate) mask: Option<String>,
     pub(crate) pose: Pose,
+    pub(crate) light: PictureLight,
     pub(crate) measured_size: Option<[u32; 2]>,
     pub(crate) lens: Box<dyn Fn([u32; 2]) -> Result<Lens> + Send + Sync>,
 }
@@ -250,7 +251,7 @@ pub(crate) fn some_of(names: &[impl Debug]) -> String {
 }
 
 fn shot(camera: Posed, file: PathBuf, downscale: u32, folders: &Folders<'_>, skipped: &mut Skipped) -> Shot {
-    let Posed { image, mask: named_mask, pose, measured_size, lens } = camera;
+    let Posed { image, mask: named_mask, pose, light, measured_size, lens } = camera;
     let mask = named_mask.as_ref().and_then(|mask| folders.files.named_mask(mask).ok());
     skipped.masks.extend(named_mask.filter(|_| mask.is_none()));
     Shot {
@@ -261,6 +262,7 @@ fn shot(camera: Posed, file: PathBuf, downscale: u32, folders: &Folders<'_>, ski
         normal: None,
         materials: MaterialFiles::default(),
         pose,
+        light,
         measured_size,
         lens,
         downscale,

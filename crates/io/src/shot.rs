@@ -8,7 +8,7 @@ use crate::{
     materials::{MaterialFiles, Materials},
     pixels::{EMPTY, Mask, NORMALS_RESIZED, Normals, Pixels, have_same_shape},
 };
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Mat3};
 use image::metadata::Orientation;
 use specula_core::{
     camera::{Camera, NEAR},
@@ -32,6 +32,15 @@ pub struct View {
     pub normal: Option<Normals>,
     /// Ground-truth materials; empty if a view has none.
     pub materials: Materials,
+}
+
+/// Light of a picture, as a data set names it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PictureLight {
+    /// Name; `None` for that of all pictures without a name.
+    pub name: Option<String>,
+    /// Rotation from world axes to those of the light; `None` for a light that stands still.
+    pub from_world: Option<Mat3>,
 }
 
 /// Position and rotation of a camera.
@@ -59,6 +68,8 @@ pub(crate) struct Shot {
     pub(crate) materials: MaterialFiles,
     /// Pose of the camera.
     pub(crate) pose: Pose,
+    /// Light of the picture.
+    pub(crate) light: PictureLight,
     /// Size for which the lens was calibrated, if known.
     pub(crate) measured_size: Option<[u32; 2]>,
     /// Lens for the size of the decoded image.
@@ -177,6 +188,7 @@ pub(crate) fn camera_of(pose: &Pose, lens: &Lens) -> Camera {
         principal_px: lens.principal_px.map(|principal| principal as f32),
         light_from_world: None,
         scissor: None,
+        light: 0,
         near: NEAR,
         width: lens.width,
         height: lens.height,

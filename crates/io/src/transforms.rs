@@ -4,6 +4,7 @@
 
 use crate::{
     budget::{EDGE_MAX, LIST},
+    cameras::rotation_of,
     error::{Error, Result},
     json,
     lens::{Distortion, Lens},
@@ -11,7 +12,7 @@ use crate::{
     named::{Files, plain_path},
     origin,
     photographs::Posed,
-    shot::{self, Pose, camera_of, find_image},
+    shot::{self, PictureLight, Pose, camera_of, find_image},
 };
 use core::{f64::consts::PI, fmt};
 use glam::{DMat3, DQuat, DVec3};
@@ -19,6 +20,7 @@ use serde::{
     Deserialize, Deserializer,
     de::{IgnoredAny, MapAccess, Visitor},
 };
+use serde_json::Value;
 use specula_core::camera::Camera;
 use std::{
     collections::BTreeMap,
@@ -136,6 +138,10 @@ pub(crate) struct Frame {
     pub(crate) mask_path: Option<String>,
     /// World-from-camera matrix, rows first, in OpenGL's camera axes.
     transform_matrix: Vec<[f64; 4]>,
+    /// Name of the light, or its number.
+    light: Option<Value>,
+    /// Rows of the rotation from world to light.
+    light_rotation: Option<[[f32; 3]; 3]>,
     #[serde(flatten)]
     intrinsics: Intrinsics,
     #[serde(flatten)]
@@ -323,7 +329,24 @@ impl Transforms {
     /// Camera of a frame with its image.
     pub(crate) fn posed(&self, frame: &Frame, image: PathBuf, measured_size: Option<[u32; 2]>) -> Result<Posed> {
         let lens = Box::new(self.lens(frame));
-        Ok(Posed { image, mask: frame.mask_path.clone(), pose: self.pose(frame)?, measured_size, lens })
+        let (pose, light) = (self.pose(frame)?, self.light(frame)?);
+        Ok(Posed { image, mask: frame.mask_path.clone(), pose, light, measured_size, lens })
+    }
+
+    /// Light of a frame.
+    fn light(&self, frame: &Frame) -> Result<PictureLight> {
+        let rotation = |rows| {
+            let found = rotation_of(rows).map(|columns| columns.transpose());
+            let what = "has a light_rotation that stretches, skews or mirrors; give the three rows of a rotation";
+            found.ok_or_else(|| self.refuse(frame, what.into()))
+        };
+        let name = match &frame.light {
+            None => None,
+            Some(Value::String(name)) => Some(name.clone()),
+            Some(Value::Number(number)) => Some(number.to_string()),
+            Some(_) => return Err(self.refuse(frame, "has a light that is neither a name nor a number".into())),
+        };
+        Ok(PictureLight { name, from_world: frame.light_rotation.map(rotation).transpose()? })
     }
 
     /// Pinhole camera of a frame whose image has this size, relative to an origin.

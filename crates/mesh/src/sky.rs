@@ -53,6 +53,13 @@ impl Sky {
         Self { resolution: size, texels: (0..self.texels.len()).map(texel).collect() }
     }
 
+    /// Weighted mean of skies of one resolution, with weights that add up to one; none of none.
+    pub fn mean(skies: &[(Self, f32)]) -> Option<Self> {
+        let (Self { resolution, texels }, _) = skies.first()?;
+        let texel = |index: usize| skies.iter().map(|(sky, weight)| *weight * sky.texels[index]).sum();
+        Some(Self { resolution: *resolution, texels: (0..texels.len()).map(texel).collect() })
+    }
+
     /// Radiance from a direction of any length but zero; of an arbitrary direction if it is not
     /// finite.
     pub fn radiance(&self, direction: Vec3) -> Vec3 {
@@ -117,6 +124,15 @@ mod tests {
             let level = Vec3::new(2.0, 2.0, direction.z + 2.0);
             assert!((mean.radiance(direction) - level).length() < 0.2, "{}", mean.radiance(direction));
         }
+    }
+
+    #[test]
+    fn skies_are_averaged_by_their_weights() {
+        let sky = |radiance: f32| Sky::new(&environment(32, |direction| [direction.x + radiance; 3]));
+        assert_eq!(Sky::mean(&[]), None);
+        assert_eq!(Sky::mean(&[(sky(2.0), 1.0)]), Some(sky(2.0)), "the same bits");
+        let mean = Sky::mean(&[(sky(2.0), 0.25), (sky(6.0), 0.75)]).unwrap();
+        assert!((mean.radiance(Vec3::Y) - sky(5.0).radiance(Vec3::Y)).length() < 1e-5);
     }
 
     /// L = 1 + d·z has E/π = 1 + 2/3 n·z.

@@ -297,7 +297,7 @@ impl Renderer {
                 let rules = RenderRules { light_layer: layer.light_layer(), ..rules };
                 let image = match last.take() {
                     Some((known, image)) if known == rules => image,
-                    _ => renderer.render_lit(SceneRenderer::SCENE_LIGHT, &camera, &rules)?,
+                    _ => renderer.render_lit(camera.light as usize, &camera, &rules)?,
                 };
                 pictures.push((layer.name(), pixels_of(*layer, &image, background)));
                 last = Some((rules, image));

@@ -55,6 +55,7 @@ impl Contents {
         if let Some(info) = &opened.info {
             contents.add("training", training(info), json!(info));
         }
+        contents.add_light_names(opened)?;
         contents.add_exposures(opened)?;
         contents.add_origin(opened.origin);
         contents.add("Gaussians", group_digits(scene.gaussians.count), scene.gaussians.count.into());
@@ -201,6 +202,21 @@ impl Contents {
             return self.add("light", format!("network of {weights} weights, in {text}"), facts);
         }
         self.add("light", text, facts);
+    }
+
+    /// Adds the names of the lights of groups of pictures, if there are several, with the numbers of
+    /// their pictures.
+    fn add_light_names(&mut self, opened: &OpenedModel) -> Result<()> {
+        let names = opened.info.as_ref().map(ModelInfo::light_names).unwrap_or_default();
+        if names.is_empty() {
+            return Ok(());
+        }
+        let cameras = opened.lit_cameras()?;
+        let count = |light: usize| cameras.iter().filter(|(_, camera)| camera.light as usize == light).count();
+        let text = |(light, name)| format!("{} {name:?}, of {} pictures", light + 1, count(light));
+        let lights: Vec<String> = names.iter().enumerate().map(text).collect();
+        self.add("lights", lights.join("; "), json!(names));
+        Ok(())
     }
 
     /// Adds the surface that reflected rays may hit, if there is one.

@@ -43,7 +43,7 @@ impl Split {
 
 /// Keeps the light of cameras still in the scene, as one that replaces that of the training does.
 pub fn keep_light_still(cameras: &mut [NamedCamera]) {
-    cameras.iter_mut().for_each(|(_, camera)| camera.light_from_world = None);
+    cameras.iter_mut().for_each(|(_, camera)| *camera = camera.under_still_light());
 }
 
 /// Requested cameras; by default the test views, else all of the model's cameras, else a turntable.

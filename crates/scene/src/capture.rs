@@ -23,8 +23,8 @@ use rayon::prelude::*;
 use specula_core::camera::{Camera, near_of};
 use specula_io::{
     Error, checkpoint,
-    dataset::{Album, LoadOptions, note_changes, note_missing_normals},
-    light_table::LightTable,
+    dataset::{Album, LoadOptions, PictureLight, note_changes, note_missing_normals},
+    light_table::{LightTable, SHARED},
     materials::Materials,
     orientation::Orientation,
 };
@@ -51,6 +51,8 @@ pub struct Capture {
     pub orientation: Option<Orientation>,
     /// Notes on skipped, changed or assumed data, one sentence each.
     pub notes: Vec<String>,
+    /// Names of the lights of groups of pictures, by [`Camera::light`]; empty unless they were set.
+    pub light_names: Vec<String>,
     points: Option<Vec<Point>>,
     album: Arc<Album>,
     extracts: Vec<Extracts>,
@@ -134,8 +136,10 @@ impl Capture {
         let test = photographs.split_off(album.train_count());
         extracts.truncate(album.train_count());
         note_missing_normals(test.iter().map(|photograph| photograph.has_normals), &mut notes);
-        let (origin, album, decoded) = (album.origin, Arc::new(album), Vec::new());
-        Self { train: photographs, test, origin, orientation, notes, points, album, extracts, decoded, budget }
+        let (origin, album) = (album.origin, Arc::new(album));
+        let (light_names, decoded) = (Vec::new(), Vec::new());
+        let train = photographs;
+        Self { train, test, origin, orientation, notes, light_names, points, album, extracts, decoded, budget }
     }
 
     /// Returns whether alpha cuts objects out of all training pictures.
@@ -152,21 +156,88 @@ impl Capture {
         }
     }
 
-    /// Turns the light of each picture by a table. Returns the names of pictures that the table
+    /// Puts each picture under its light in a table. Returns the names of pictures that the table
     /// lacks, and those of the table that are no pictures.
-    pub fn turn_by(&mut self, table: &LightTable) -> [Vec<String>; 2] {
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::Training`] for a light of fewer than two training pictures.
+    pub fn light_by_table(&mut self, table: &LightTable) -> Result<[Vec<String>; 2], SceneError> {
         let up = self.orientation.as_ref().map_or(Vec3::Z, up);
-        let (mut lacking, mut unused) = (Vec::new(), table.names());
-        for (index, Photograph { name, camera, .. }) in self.train.iter_mut().chain(&mut self.test).enumerate() {
-            match table.turn_of(self.album.path(index)) {
-                Some((used, degrees)) => {
-                    camera.light_from_world = Some(light_of_turned_object(up, degrees));
-                    unused.retain(|name| *name != used);
-                }
-                None => lacking.push(name.clone()),
+        let (mut lacking, mut unused, mut lights) = (Vec::new(), table.names(), Vec::new());
+        for index in 0..self.album.len() {
+            let Some((used, light)) = table.light_of(self.album.path(index)) else {
+                lacking.push(self.album.name(index).to_owned());
+                continue;
+            };
+            unused.retain(|name| *name != used);
+            let from_world = light.degrees.map(|degrees| light_of_turned_object(up, degrees));
+            lights.push(PictureLight { name: Some(light.name.clone()), from_world });
+        }
+        let unused = unused.into_iter().map(str::to_owned).collect();
+        if lacking.is_empty() {
+            self.light_by(lights)?;
+        }
+        Ok([lacking, unused])
+    }
+
+    /// Puts the pictures of each folder under a light of their own, named as the folder.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::Training`] for a light of fewer than two training pictures.
+    pub fn light_by_folder(&mut self) -> Result<(), SceneError> {
+        let folder = |index| self.album.path(index).parent().and_then(Path::file_name);
+        let name = |index| folder(index).map(|name| name.to_string_lossy().into_owned());
+        let lights = (0..self.album.len()).map(|index| PictureLight { name: name(index), from_world: None });
+        self.light_by(lights.collect())
+    }
+
+    /// Puts each picture under the light that the data set names, if it names any.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::Training`] for a light of fewer than two training pictures.
+    pub fn light_by_list(&mut self) -> Result<(), SceneError> {
+        self.light_by((0..self.album.len()).map(|index| self.album.light(index).clone()).collect())
+    }
+
+    /// Returns whether the data set names the light of any picture.
+    pub fn lists_lights(&self) -> bool {
+        (0..self.album.len()).any(|index| *self.album.light(index) != PictureLight::default())
+    }
+
+    /// Returns whether the light of any picture is turned.
+    pub fn has_turned_lights(&self) -> bool {
+        self.train.iter().chain(&self.test).any(|photograph| photograph.camera.light_from_world.is_some())
+    }
+
+    /// Puts the pictures under their lights, which are numbered by their first training picture.
+    fn light_by(&mut self, lights: Vec<PictureLight>) -> Result<(), SceneError> {
+        let name_of = |light: &PictureLight| light.name.clone().unwrap_or_else(|| SHARED.to_owned());
+        let mut found: Vec<(String, usize)> = Vec::new();
+        for light in &lights[..self.train.len()] {
+            let name = name_of(light);
+            match found.iter_mut().find(|(known, _)| *known == name) {
+                Some((_, count)) => *count += 1,
+                None => found.push((name, 1)),
             }
         }
-        [lacking, unused.into_iter().map(str::to_owned).collect()]
+        let number = |light: &PictureLight| found.iter().position(|(name, _)| *name == name_of(light));
+        let unknown = lights.iter().find(|light| number(light).is_none()).map(|light| (name_of(light), 0));
+        let rare = found.iter().find(|(_, count)| *count < 2 && found.len() > 1).cloned();
+        if let Some((name, count)) = unknown.or(rare) {
+            let are = if count == 0 { "no training picture is" } else { "only one training picture is" };
+            return Err(SceneError::Training(format!(
+                "{are} under the light {name:?}; a light needs two or more to train on"
+            )));
+        }
+        for (Photograph { camera, .. }, light) in self.train.iter_mut().chain(&mut self.test).zip(&lights) {
+            camera.light_from_world = light.from_world;
+            camera.light = number(light).unwrap_or_default() as u32;
+        }
+        self.light_names = found.into_iter().map(|(name, _)| name).collect();
+        Ok(())
     }
 
     /// Returns whether any training picture shows any of these points, hidden or not.
@@ -302,8 +373,8 @@ fn opened(album: &Album, index: usize, photograph: &Photograph) -> Result<(View,
     let (mut view, _) = album.open(index)?;
     let materials = core::mem::take(&mut view.materials);
     let view = view_of(view);
-    let Camera { near, light_from_world, .. } = photograph.camera;
-    let camera = Camera { near, light_from_world, ..view.camera };
+    let Camera { near, light_from_world, light, .. } = photograph.camera;
+    let camera = Camera { near, light_from_world, light, ..view.camera };
     if camera != photograph.camera || crc32fast::hash(&view.rgba) != photograph.checksum {
         return Err(Error::Changed { path: album.path(index).to_owned() });
     }

@@ -50,6 +50,14 @@ pub enum SceneError {
     /// Physical materials of a scene without materials were requested.
     #[error("the scene was trained without physical materials")]
     NoMaterials,
+    /// A light of a training that the model does not have, by its number from 1.
+    #[error("the model has {lights} lights of its training, and no light {number}")]
+    NoSuchLight {
+        /// Requested number.
+        number: usize,
+        /// Number of lights.
+        lights: usize,
+    },
     /// A split of a scene without cameras was requested.
     #[error("the scene has no cameras")]
     NoCameras,

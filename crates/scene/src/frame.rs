@@ -39,9 +39,9 @@ impl Surfaces<'_> {
 }
 
 impl<'a> FrameRequest<'a> {
-    /// View under the light of the scene, in front of everything.
+    /// View under the light of its camera ([`Camera::light`]), in front of everything.
     pub fn new(camera: &Camera) -> Self {
-        Self { camera: *camera, slot: SceneRenderer::SCENE_LIGHT, surfaces: None }
+        Self { camera: *camera, slot: camera.light as usize, surfaces: None }
     }
 
     /// Selects the light of another slot ([`SceneRenderer::set_light`]).
@@ -267,7 +267,14 @@ mod tests {
             gaussians.set(k, OPACITY, [1.0]);
             gaussians.set(k, DIFFUSE, [color, 0.5, -0.5 * color]);
         }
-        let scene = Scene { gaussians, light: None, near_field: None, lamps: None, shading_model: ShadingModel::PAPER };
+        let scene = Scene {
+            gaussians,
+            light: None,
+            other_lights: Vec::new(),
+            near_field: None,
+            lamps: None,
+            shading_model: ShadingModel::PAPER,
+        };
         scene.renderer(CpuExecutor::new(), Channels::Color).unwrap()
     }
 

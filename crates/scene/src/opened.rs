@@ -17,7 +17,7 @@ use specula_core::{
 };
 use specula_cpu::morton::sort_in_space;
 use specula_io::{
-    Input, Result,
+    Error, Input, Result,
     cameras::{self, NamedCamera},
     exposure::{self, Exposures},
     glb,
@@ -47,6 +47,8 @@ pub struct OpenedModel {
     /// True if a `brdf_mlp.hdr` replaced the saved light, the way to relight with the authors'
     /// code.
     pub is_relit: bool,
+    /// Number of the selected light of the training, from 1; `None` for all, each in its pictures.
+    pub own_light: Option<usize>,
     /// True if the files name the shading model.
     pub is_read_as_saved: bool,
     /// Notes on parts of the files that are ignored or changed, one sentence each.
@@ -92,6 +94,7 @@ impl OpenedModel {
             scene: Scene {
                 gaussians,
                 light: model.light,
+                other_lights: model.other_lights,
                 near_field: model.near_field.map(Surface::shared),
                 lamps: None,
                 shading_model,
@@ -101,6 +104,7 @@ impl OpenedModel {
             origin: model.info.as_ref().map_or_else(|| origin::of_comments(&model.comments), |info| info.origin),
             info: model.info,
             is_relit: model.is_relit,
+            own_light: None,
             is_read_as_saved,
             notes: model.notes,
             crop: None,
@@ -123,11 +127,32 @@ impl OpenedModel {
             info: None,
             origin,
             is_relit: false,
+            own_light: None,
             is_read_as_saved: true,
             notes,
             crop: None,
             up_of_file: Some(orientation),
         })
+    }
+
+    /// Puts all views under one light of the training, by its number from 1.
+    ///
+    /// # Errors
+    ///
+    /// [`SceneError::NoSuchLight`] for a number that the model does not have.
+    pub fn select_light(&mut self, number: usize) -> core::result::Result<(), SceneError> {
+        let lights = self.scene.light.iter().len() + self.scene.other_lights.len();
+        if number == 0 || number > lights {
+            return Err(SceneError::NoSuchLight { number, lights });
+        }
+        self.scene.select_light(number - 1);
+        self.own_light = Some(number);
+        Ok(())
+    }
+
+    /// Name of a light of the training, by its number from 1; `None` for a model of a single light.
+    pub fn light_name(&self, number: usize) -> Option<&str> {
+        self.info.as_ref()?.light_names().get(number.checked_sub(1)?).copied()
     }
 
     /// Cameras of the model's folder, test views first, with near planes proportional to their
@@ -147,7 +172,7 @@ impl OpenedModel {
     ///
     /// # Errors
     ///
-    /// A `cameras.json` that cannot be read.
+    /// A `cameras.json` that cannot be read, or names a light that the model does not have.
     pub fn lit_cameras(&self) -> Result<Vec<NamedCamera>> {
         let Some(file) = self.folder.as_ref().map(|folder| folder.join("cameras.json")) else { return Ok(Vec::new()) };
         if !within::holds(&file)? {
@@ -155,11 +180,21 @@ impl OpenedModel {
         }
         let mut cameras = cameras::read(&file)?;
         let near = near_of(extent_of_cameras(cameras.iter().map(|(_, camera)| camera)));
-        let light_of = |camera: &Camera| camera.light_from_world.filter(|_| !self.is_relit);
-        cameras.iter_mut().for_each(|(_, camera)| {
-            *camera = Camera { near, light_from_world: light_of(camera), ..*camera };
-        });
-        Ok(cameras)
+        let is_still = self.is_relit || self.own_light.is_some();
+        for (_, camera) in &mut cameras {
+            *camera = Camera { near, ..if is_still { camera.under_still_light() } else { *camera } };
+        }
+        let lights = 1 + self.scene.other_lights.len();
+        match cameras.iter().find(|(_, camera)| camera.light as usize >= lights) {
+            None => Ok(cameras),
+            Some((name, camera)) => {
+                let what = format!(
+                    "is under light {}, and the model has {lights}; copy cameras.json and light from one model",
+                    camera.light + 1
+                );
+                Err(Error::Frame { path: file, frame: name.clone(), what })
+            }
+        }
     }
 
     /// Gives views of the training's data set the lights of their pictures.
@@ -171,10 +206,14 @@ impl OpenedModel {
         let mut held_out = self.lit_cameras()?;
         let trained = held_out.split_off(self.test_views().map_or(0, |count| count.min(held_out.len())));
         for (views, own, others) in [(test, &held_out, &trained), (train, &trained, &held_out)] {
-            let lights: HashMap<&str, Option<Mat3>> =
-                others.iter().chain(own).map(|(name, camera)| (name.as_str(), camera.light_from_world)).collect();
+            let lights: HashMap<&str, (Option<Mat3>, u32)> = others
+                .iter()
+                .chain(own)
+                .map(|(name, camera)| (name.as_str(), (camera.light_from_world, camera.light)))
+                .collect();
             for view in views {
-                view.camera.light_from_world = lights.get(view.name.as_str()).copied().flatten();
+                let found = lights.get(view.name.as_str()).copied();
+                (view.camera.light_from_world, view.camera.light) = found.unwrap_or_default();
             }
         }
         Ok(())

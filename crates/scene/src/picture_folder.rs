@@ -31,8 +31,8 @@ pub fn picture_name(index: usize) -> String {
 }
 
 /// Parts of a name, one for each difference from the model's default pictures: storage, projection,
-/// order, low-pass, background, the profile that the attributes were read with, and the region that
-/// the scene was cropped to.
+/// order, a selected light, low-pass, background, the profile that the attributes were read with, and
+/// the region that the scene was cropped to.
 pub fn differences(
     opened: &OpenedModel,
     options: &RenderOptions,
@@ -51,6 +51,7 @@ pub fn differences(
         BlendOrder::Window(count) => Some(format!("window-{count}")),
         BlendOrder::Pixel => Some("pixel-order".to_owned()),
     };
+    let light = opened.own_light.map(|number| format!("light{number}"));
     let layout = opened.scene.gaussians.layout;
     let low_pass = match layout.low_pass {
         LowPass::Compensated => Some("antialiased".to_owned()),
@@ -66,7 +67,7 @@ pub fn differences(
     });
     let profile = profile.filter(|_| !opened.is_read_as_saved).map(|profile| format!("as-{profile}"));
     let crop = opened.crop.map(|region| format!("crop-{region}"));
-    [storage, projection, order, low_pass, background, profile, crop].into_iter().flatten().collect()
+    [storage, projection, order, light, low_pass, background, profile, crop].into_iter().flatten().collect()
 }
 
 /// Parts of a name, one for each change to the light of a file.

@@ -350,7 +350,8 @@ fn rules_of(scene: &Scene, needs: &Needs, channels: Channels, is_unplanned: bool
     if is_unplanned { full } else { rules }
 }
 
-/// Scene on an executor, its light filtered, with the rules of its pictures.
+/// Scene on an executor, its lights filtered, with the rules of its pictures. A view is rendered
+/// under the light of its camera.
 ///
 /// The executor is chosen at run time by [`SceneRenderer::new`], or is the caller's own
 /// ([`SceneRenderer::with_executor`]). Other lights may be filtered in addition to the scene's own
@@ -367,7 +368,7 @@ pub struct SceneRenderer {
 }
 
 impl SceneRenderer {
-    /// Slot of the scene's own light.
+    /// Slot of the scene's own light, the first of several; the others follow.
     pub const SCENE_LIGHT: usize = 0;
 
     /// Renderer of views with these channels. Stages that the scene does not need are skipped,
@@ -399,7 +400,7 @@ impl SceneRenderer {
     ///
     /// Those of [`SceneRenderer::new`].
     pub fn without_light(scene: Scene, channels: Channels, options: &RenderOptions) -> Result<Self, SceneError> {
-        let scene = Scene { light: None, ..scene.rounded(options.storage) };
+        let scene = Scene { light: None, other_lights: Vec::new(), ..scene.rounded(options.storage) };
         Self::uploaded(&scene, channels, false, options)
     }
 
@@ -418,8 +419,7 @@ impl SceneRenderer {
     {
         let backend = Box::new(UploadedScene::new(exec, scene, |light, _| light, Storage::F32)?);
         let renderer = Self::with_backend(backend, scene, channels);
-        let light = scene.light_for(&renderer.rules);
-        renderer.lit_by(light)
+        renderer.lit_as(scene)
     }
 
     /// Renderer on a backend with the Gaussians and the light of `scene`.
@@ -444,14 +444,18 @@ impl SceneRenderer {
         }
         let cutoffs = Cutoffs::DEFAULT.with_projection(options.projection).with_order(options.order);
         let backend = upload(options.open()?, scene, cutoffs, options.storage)?;
-        Self { backend, channels, is_unplanned, needs, rules }.lit_by(light)
+        Self { backend, channels, is_unplanned, needs, rules }.lit_as(scene)
     }
 
-    fn lit_by(mut self, light: Option<Environment<Vec<f32>>>) -> Result<Self, SceneError> {
-        if let Some(light) = light {
-            self.backend.set_light(Self::SCENE_LIGHT, &light, &self.rules)?;
-        }
+    fn lit_as(mut self, scene: &Scene) -> Result<Self, SceneError> {
+        self.set_lights_of(scene)?;
         Ok(self)
+    }
+
+    /// Filters the lights of a scene into the first slots.
+    fn set_lights_of(&mut self, scene: &Scene) -> Result<(), SceneError> {
+        let lights = scene.light_for(&self.rules).into_iter().chain(scene.other_lights_for(&self.rules));
+        lights.enumerate().try_for_each(|(slot, light)| self.backend.set_light(slot, &light, &self.rules))
     }
 
     /// View of the scene over a background in sRGB, with 8 bits a channel: the picture that
@@ -473,7 +477,7 @@ impl SceneRenderer {
     ///
     /// Those of the executor, such as too many splats in the tiles of a picture, or a lost device.
     pub fn render(&mut self, camera: &Camera) -> Result<Image<Vec<f32>>, SceneError> {
-        self.backend.render(Self::SCENE_LIGHT, camera, &self.rules)
+        self.backend.render(camera.light as usize, camera, &self.rules)
     }
 
     /// View of the scene under the light of a slot, by rules of the caller.
@@ -509,7 +513,7 @@ impl SceneRenderer {
         let Self { backend, rules, .. } = self;
         let render = |index: usize| {
             let View { camera, .. } = &views[index];
-            Ok(backend.render(Self::SCENE_LIGHT, camera, &rules_to_measure(&views[index], rules))?)
+            Ok(backend.render(camera.light as usize, camera, &rules_to_measure(&views[index], rules))?)
         };
         overlap(views.len(), progress, render, |index, image| finish(&views[index], &image))
     }
@@ -552,8 +556,7 @@ impl SceneRenderer {
         self.backend.set_scene(scene)?;
         self.needs = scene.needs();
         self.rules = rules_of(scene, &self.needs, self.channels, self.is_unplanned);
-        let light = scene.light_for(&self.rules);
-        light.map_or(Ok(()), |light| self.backend.set_light(Self::SCENE_LIGHT, &light, &self.rules))
+        self.set_lights_of(scene)
     }
 
     /// Uploads some Gaussians of a scene again, those in `range`, rounded to the storage of the
@@ -613,7 +616,14 @@ mod tests {
         let values = (0..18 * 16 * 16).map(|k| 0.1 + 0.2 * (k % 7) as f32).collect();
         let light = Environment { resolution: 16, activation: RadianceActivation::Identity, values };
         let light = Some(light).filter(|_| is_lit);
-        Scene { gaussians, light, near_field: None, lamps: None, shading_model: ShadingModel::DEFERRED }
+        Scene {
+            gaussians,
+            light,
+            near_field: None,
+            lamps: None,
+            other_lights: Vec::new(),
+            shading_model: ShadingModel::DEFERRED,
+        }
     }
 
     #[test]

@@ -63,7 +63,7 @@ impl PictureJob<'_> {
             let mut images = vec![(rules.light_layer, image)];
             for light_layer in &others {
                 let rules = RenderRules { light_layer: *light_layer, ..rules };
-                image = renderer.render_lit(SceneRenderer::SCENE_LIGHT, camera, &rules)?;
+                image = renderer.render_lit(camera.light as usize, camera, &rules)?;
                 images.push((*light_layer, image));
             }
             Ok(images)
@@ -181,7 +181,14 @@ mod tests {
         let values = vec![0.0; len_of_values(1, layout)];
         let mut gaussians = Gaussians { count: 1, layout, values };
         gaussians.set(0, QUAT, [1.0, 0.0, 0.0, 0.0]);
-        Scene { gaussians, light: None, near_field: None, lamps: None, shading_model: ShadingModel::PAPER }
+        Scene {
+            gaussians,
+            light: None,
+            near_field: None,
+            lamps: None,
+            other_lights: Vec::new(),
+            shading_model: ShadingModel::PAPER,
+        }
     }
 
     #[test]

@@ -38,6 +38,11 @@ pub struct Scene {
     pub gaussians: Gaussians<Vec<f32>>,
     /// Distant light; `None` for plain Gaussian splatting.
     pub light: Option<Environment<Vec<f32>>>,
+    /// Lights of groups of pictures other than the first, by [`Camera::light`] − 1; none unless it
+    /// was trained under several.
+    ///
+    /// [`Camera::light`]: specula_core::camera::Camera::light
+    pub other_lights: Vec<Environment<Vec<f32>>>,
     /// Surface of the scene that reflected rays may hit; `None` if they see only the distant light.
     pub near_field: Option<Arc<Surface>>,
     /// Lamps in addition to the distant light; `None` unless added.
@@ -49,8 +54,8 @@ pub struct Scene {
 impl Scene {
     /// Result of a training.
     pub(crate) fn of_training(host: HostScene, shading_model: ShadingModel) -> Self {
-        let HostScene { gaussians, environment, near_field } = host;
-        Self { gaussians, light: environment, near_field: near_field.map(Surface::shared), lamps: None, shading_model }
+        let HostScene { gaussians, environment: light, other_lights, near_field } = host;
+        Self { gaussians, light, other_lights, near_field: near_field.map(Surface::shared), lamps: None, shading_model }
     }
 
     /// Surface that reflected rays may hit, as a near field.
@@ -64,6 +69,23 @@ impl Scene {
         Some(fitting(light, rules.scheme))
     }
 
+    /// The other lights as [`Scene::light_for`].
+    pub fn other_lights_for(&self, rules: &RenderRules) -> Vec<Environment<Vec<f32>>> {
+        let is_lit = rules.is_lit && self.gaussians.layout.is_shaded() && self.light.is_some();
+        self.other_lights.iter().filter(|_| is_lit).map(|light| fitting(light, rules.scheme)).collect()
+    }
+
+    /// Keeps one of its lights, by the number of [`Camera::light`]; the first for one that it does not
+    /// have.
+    ///
+    /// [`Camera::light`]: specula_core::camera::Camera::light
+    pub(crate) fn select_light(&mut self, number: usize) {
+        let others = core::mem::take(&mut self.other_lights);
+        if let Some(light) = number.checked_sub(1).and_then(|index| others.into_iter().nth(index)) {
+            self.light = Some(light);
+        }
+    }
+
     /// Rules of pictures with these channels, with and without the stages that the scene needs.
     pub fn plan(&self, channels: Channels) -> Plan {
         self.plan_for(&self.needs(), channels)
@@ -71,7 +93,7 @@ impl Scene {
 
     /// Terms that Gaussians and light need; reads all numbers of both.
     pub(crate) fn needs(&self) -> Needs {
-        Needs::of(&self.gaussians).under(self.light.as_ref())
+        Needs::of(&self.gaussians).under(self.light.iter().chain(&self.other_lights))
     }
 
     /// [`Scene::plan`] for known needs.
@@ -123,6 +145,7 @@ impl Scene {
         let resolution = self.resolution_of_others();
         let values = latlong::to_cube(map, resolution, up);
         self.light = Some(Environment { resolution, activation: RadianceActivation::Identity, values });
+        self.other_lights.clear();
         if self.gaussians.layout.is_physical {
             self.shading_model = self.shading_model.shaded(Shading::Physical);
             self.transfer_light();
@@ -221,7 +244,8 @@ impl Scene {
         let stats = CullStats::of(&self.gaussians, None);
         let broken: usize =
             CullReason::ALL.into_iter().filter(|reason| reason.is_nonfinite()).map(|reason| stats.count(reason)).sum();
-        let is_lit = self.light.as_ref().is_none_or(|light| light.values.iter().all(|number| number.is_finite()));
+        let mut lights = self.light.iter().chain(&self.other_lights);
+        let is_lit = lights.all(|light| light.values.iter().all(|number| number.is_finite()));
         is_lit && (self.gaussians.count == 0 || broken < self.gaussians.count)
     }
 
@@ -239,6 +263,7 @@ impl Scene {
             gaussians: &gaussians,
             comments: &comments,
             light: self.light.as_ref(),
+            other_lights: &self.other_lights,
             near_field: self.near_field(),
             info,
         };
@@ -281,7 +306,14 @@ mod tests {
         let near_field = SurfaceMeans::new(mesh, 1e-3).near_field().map(Surface::shared);
         let values = vec![1.0; 3 * FACE_COUNT * 16 * 16];
         let light = Some(Environment { resolution: 16, activation: RadianceActivation::Identity, values });
-        let scene = Scene { gaussians, light, near_field, lamps: None, shading_model: ShadingModel::DEFERRED };
+        let scene = Scene {
+            gaussians,
+            light,
+            other_lights: Vec::new(),
+            near_field,
+            lamps: None,
+            shading_model: ShadingModel::DEFERRED,
+        };
 
         let floor = scene.cropped(&Ball { center: [0.0; 3], radius: 0.8 });
         assert_eq!((floor.gaussians.count, floor.gaussians.get::<3>(0, ambient)), (1, [1.0; 3]));
@@ -310,6 +342,7 @@ mod tests {
         let mut scene = Scene {
             gaussians,
             light: None,
+            other_lights: Vec::new(),
             near_field: Some(Surface::shared(near_field)),
             lamps: None,
             shading_model: ShadingModel::DEFERRED,

@@ -93,8 +93,9 @@ impl ShadingModel {
     }
 
     /// Shading model that a profile trains.
-    pub const fn of_profile(profile: &Profile) -> Self {
-        Self { shading: profile.shading, scheme: profile.scheme, reflections: profile.reflections }
+    pub fn of_profile(profile: &Profile) -> Self {
+        let model = Self { shading: profile.shading, scheme: profile.scheme, reflections: profile.reflections };
+        if profile.is_of_materials() { model.shaded(Shading::Physical) } else { model }
     }
 
     /// Shading model of a relightable file, else the one that a saved model names in
@@ -138,6 +139,7 @@ impl ShadingModel {
         let mut model = match shading {
             "paper" => Self::PAPER,
             "deferred" => Self::DEFERRED,
+            "physical" => Self { shading: ShadingRules::PHYSICAL, ..Self::DEFERRED },
             "official" => Self::OFFICIAL,
             _ => return None,
         };

@@ -17,6 +17,9 @@ pub enum TrainError<E> {
         /// First mismatch.
         what: &'static str,
     },
+    /// Several views per step, or several ranks, under several lights.
+    #[error("pictures under several lights are trained one per step, on one rank")]
+    SeveralLights,
     /// Another rank of the training failed or is unreachable.
     #[error("the training ends because {0}")]
     Exchange(ExchangeError),

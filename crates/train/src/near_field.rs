@@ -33,6 +33,15 @@ pub enum UnlitPicture {
     Materials,
 }
 
+/// Sky that a surface is under.
+#[derive(Clone, Copy, Debug)]
+pub struct UnderSky<'a> {
+    /// Sky.
+    pub sky: &'a Sky,
+    /// Whether the sky lights the albedo of the surface, instead of its view-dependent colours.
+    pub is_of_materials: bool,
+}
+
 /// Share of rays between parts of a surface below which it counts as unoccluded, since only
 /// touching parts see each other.
 const MET_MIN: f64 = 0.01;
@@ -49,7 +58,7 @@ pub fn fused<Error>(
     gaussians: &Gaussians<Vec<f32>>,
     cameras: &[Camera],
     voxels: u16,
-    sky: Option<&Sky>,
+    sky: Option<UnderSky<'_>>,
     render: &mut impl FnMut(&Camera, UnlitPicture) -> Result<Image<Vec<f32>>, Error>,
 ) -> Result<Option<Surroundings>, Error> {
     if gaussians.count == 0 {
@@ -68,10 +77,13 @@ pub fn fused<Error>(
             means.add_materials(camera, &render(camera, UnlitPicture::Materials)?);
         }
     }
-    let Some(near_field) = means.near_field() else { return Ok(None) };
+    let Some(mut near_field) = means.near_field() else { return Ok(None) };
+    if let Some(UnderSky { sky, is_of_materials: true }) = sky {
+        specula_mesh::near_field::relight(&mut near_field, sky);
+    }
     let positions: Vec<_> = cameras.iter().map(|camera| camera.position).collect();
     let surface = Surface::from(near_field);
-    let ambient = sky.filter(|_| gaussians.layout.is_physical).map(|sky| Ambient::new(&surface, sky));
+    let ambient = sky.filter(|_| gaussians.layout.is_physical).map(|under| Ambient::new(&surface, under.sky));
     let is_met = ambient.as_ref().is_some_and(|ambient| ambient.met > MET_MIN);
     let is_needed = is_met || specula_mesh::near_field::reflects_itself(&surface, &positions);
     Ok(is_needed.then(|| Surroundings { near_field: surface.into_near_field(), ambient }))

@@ -4,7 +4,7 @@ use specula_core::{
     loss::LossWeights,
     optimise::AT_REST,
     rules::RenderRules,
-    scene::Layout,
+    scene::{DIFFUSE, Layout, ROUGHNESS},
     shade::{ShadingForm, ShadingRules},
 };
 
@@ -46,6 +46,16 @@ pub(crate) fn physical_rates(layout: Layout, rates: &[f32]) -> Vec<f32> {
         resting[first..layout.physical_end()].copy_from_slice(&rates[first..layout.physical_end()]);
     }
     resting
+}
+
+/// Rates of a step that fits everything by materials alone: none for view-dependent colours.
+pub(crate) fn material_rates(layout: Layout, rates: &[f32]) -> Vec<f32> {
+    let mut rates = rates.to_vec();
+    if layout.is_physical {
+        rates[DIFFUSE..ROUGHNESS].fill(AT_REST);
+        rates[layout.sh_start()..layout.sh_end()].fill(AT_REST);
+    }
+    rates
 }
 
 #[cfg(test)]

@@ -8,14 +8,17 @@ use crate::{
     exposure,
     initial_state::{check_state, initial_light, initial_state},
     light_scale,
-    near_field::{self, UnlitPicture},
-    physical::{physical_rates, physical_rules, physical_weights, view_rates},
+    near_field::{self, UnderSky, UnlitPicture},
+    physical::{material_rates, physical_rates, physical_rules, physical_weights, view_rates},
     picture_schedule::{PictureSchedule, Prepared},
     pictures::{PictureSource, Pictures, Turn},
     profile::{Profile, Reflections},
     ranks::{Answer, Ranks, Traffic},
     start::{Point, gaussians, points_within, rates_by_plane, silhouettes},
-    transfer::{download_gaussians, download_light, download_scene, upload_scene, with_scene},
+    transfer::{
+        download_fitted_light, download_gaussians, download_light, download_scene, upload_fitted_light, upload_scene,
+        with_scene,
+    },
     view::extent_of_cameras,
 };
 use specula_core::{
@@ -74,7 +77,11 @@ pub struct Trainer<E: Executor> {
     /// Cameras at full and at half size; none at half size where no view is halved.
     cameras: [Vec<Camera>; 2],
     pictures: PictureSchedule<E::Target>,
+    /// Number of views under each light.
+    views_by_light: Vec<u64>,
     extent: f32,
+    /// State. Between steps the light of its scene is the first; during a step it is that of the
+    /// step's picture.
     state: TrainingState<E::Array>,
     /// Near field of the state on the executor.
     near_field: Option<E::NearField>,
@@ -89,7 +96,8 @@ impl<E: Executor> Trainer<E> {
     /// # Errors
     ///
     /// [`TrainError::NoViews`], [`TrainError::NoPoints`], [`TrainError::Picture`] if random points
-    /// need one that cannot be decoded, or [`TrainError::Executor`] if data cannot be uploaded.
+    /// need one that cannot be decoded, [`TrainError::SeveralLights`] for several views per step
+    /// under several lights, or [`TrainError::Executor`] if data cannot be uploaded.
     pub fn new(
         exec: E,
         settings: Settings,
@@ -113,8 +121,10 @@ impl<E: Executor> Trainer<E> {
         }
         let start = gaussians(points, &settings.profile, settings.seed);
         let light = initial_light(&settings.profile, settings.seed);
+        let light_count = views_by_light(&cameras).len();
         let exposures = settings.profile.exposure.map(|_| exposure::identities(cameras.len()));
-        let mut trainer = Self::from_state(exec, settings, pictures, &initial_state(start, light, exposures))?;
+        let state = initial_state(start, light, light_count, exposures);
+        let mut trainer = Self::from_state(exec, settings, pictures, &state)?;
         trainer.disable_background_specular()?;
         trainer.sample()?;
         trainer.scale_light()?;
@@ -147,7 +157,12 @@ impl<E: Executor> Trainer<E> {
         if cameras.is_empty() {
             return Err(TrainError::NoViews);
         }
-        check_state(state, &settings, cameras.len()).map_err(|what| TrainError::OtherRun { what })?;
+        let views_by_light = views_by_light(&cameras);
+        if views_by_light.len() > 1 && settings.profile.views_per_step > 1 {
+            return Err(TrainError::SeveralLights);
+        }
+        check_state(state, &settings, cameras.len(), views_by_light.len())
+            .map_err(|what| TrainError::OtherRun { what })?;
         let extent = extent_of_cameras(cameras.iter());
         let near = near_of(extent);
         let cameras: Vec<Camera> = cameras.into_iter().map(|camera| Camera { near, ..camera }).collect();
@@ -157,13 +172,16 @@ impl<E: Executor> Trainer<E> {
         let near_field = state.near_field.as_ref().map(|near_field| upload_near_field(&mut exec, near_field));
         let near_field = near_field.transpose()?;
         let scene = upload_scene(&mut exec, &state.scene)?;
+        let other_lights = state.other_lights.iter().map(|light| upload_fitted_light(&mut exec, light));
+        let other_lights = other_lights.collect::<Result<_, _>>()?;
         Ok(Self {
             exec,
             pictures: PictureSchedule::new(pictures, &settings, cameras.len(), is_halved),
             settings,
             cameras: [cameras, halved],
+            views_by_light,
             extent,
-            state: with_scene(state, scene),
+            state: with_scene(state, scene, other_lights),
             near_field,
             ranks: Ranks::alone(),
         })
@@ -176,9 +194,12 @@ impl<E: Executor> Trainer<E> {
     ///
     /// # Errors
     ///
-    /// [`TrainError::Exchange`] if a rank is gone or differs, [`TrainError::Executor`] if arrays
-    /// cannot be read back.
+    /// [`TrainError::SeveralLights`] under several lights, [`TrainError::Exchange`] if a rank is
+    /// gone or differs, [`TrainError::Executor`] if arrays cannot be read back.
     pub fn join(&mut self, exchange: Box<dyn Exchange>, description: &str) -> Result<(), TrainError<E::Error>> {
+        if self.views_by_light.len() > 1 {
+            return Err(TrainError::SeveralLights);
+        }
         let mut ranks = Ranks::of(exchange);
         let start = format!("{:?} {} {description}", self.settings, self.state.iteration);
         ranks.check_alike("settings or pictures", start.as_bytes()).map_err(TrainError::Exchange)?;
@@ -241,7 +262,8 @@ impl<E: Executor> Trainer<E> {
         self.ranks.gather(&mut self.exec, &mut self.state.scene)?;
         let scene = download_scene(&mut self.exec, &self.state.scene)?;
         self.ranks.keep_own(&mut self.exec, &mut self.state.scene)?;
-        Ok(with_scene(&self.state, scene))
+        let other_lights = self.state.other_lights.iter().map(|light| download_fitted_light(&mut self.exec, light));
+        Ok(with_scene(&self.state, scene, other_lights.collect::<Result<_, _>>()?))
     }
 
     /// Takes one step, and densifies by the schedule. The report is that of the last view of the
@@ -257,31 +279,11 @@ impl<E: Executor> Trainer<E> {
         self.state.order = order;
         self.state.iteration += 1;
         let number = self.state.iteration;
-        let rules = self.rules_at(number, Channels::Training);
-        let weights = self.settings.profile.weights_at(self.done(number));
-        let profile = &self.settings.profile;
-        let rates = profile.rates_at(self.done(number - 1));
-        let environment_rate = rates.environment.at(number);
-        let rates = rates_by_plane(profile.layout, &rates, self.extent, number);
-        let physical = profile.physical.filter(|physical| physical.is_due(number, self.settings.iterations));
-        let layout = profile.layout;
-        let shared =
-            StepSettings { rules, weights, rates: view_rates(layout, &rates), environment_rate, is_observed: true };
-        let reports = self.fit(&views, &shared)?;
-        if let Some(physical) = physical {
-            let rules = RenderRules { traces_near: self.near_field.is_some(), ..physical_rules(&rules) };
-            let mean_light = self.mean_light()?;
-            let weights = physical_weights(&self.settings.profile.weights, physical.weight, mean_light);
-            let shared = StepSettings {
-                rules,
-                weights,
-                rates: physical_rates(layout, &rates),
-                environment_rate,
-                is_observed: false,
-            };
-            let material_reports = self.fit(&views, &shared)?;
-            self.state.nonfinite += material_reports.iter().map(|report| report.nonfinite).sum::<usize>();
-        }
+        let light = self.cameras[0][views[0]].light;
+        self.swap_light(light);
+        let fitted = self.fit_all(&views);
+        self.swap_light(light);
+        let reports = fitted?;
         for (position, (view, report)) in views.iter().zip(&reports).enumerate() {
             self.note(report);
             self.expose(*view, position, report);
@@ -292,6 +294,53 @@ impl<E: Executor> Trainer<E> {
         }
         self.renew_near_field()?;
         Ok((reports.last().copied().unwrap_or_default(), densified))
+    }
+
+    /// Swaps the first light with another of a number, from 0.
+    fn swap_light(&mut self, number: u32) {
+        let TrainingState { scene, other_lights, .. } = &mut self.state;
+        let other = (number as usize).checked_sub(1).and_then(|index| other_lights.get_mut(index));
+        if let (Some(first), Some(other)) = (&mut scene.light, other) {
+            core::mem::swap(first, other);
+        }
+    }
+
+    /// Fits view-dependent colours and materials, as they are due, to some views under the current
+    /// light. Returns the reports of the first.
+    fn fit_all(&mut self, views: &[usize]) -> Result<Vec<StepReport>, TrainError<E::Error>> {
+        let number = self.state.iteration;
+        let rules = self.rules_at(number, Channels::Training);
+        let of_materials = RenderRules { traces_near: self.near_field.is_some(), ..physical_rules(&rules) };
+        let weights = self.settings.profile.weights_at(self.done(number));
+        let profile = &self.settings.profile;
+        let rates = profile.rates_at(self.done(number - 1));
+        let environment_rate = rates.environment.at(number);
+        let rates = rates_by_plane(profile.layout, &rates, self.extent, number);
+        let layout = profile.layout;
+        let iterations = self.settings.iterations;
+        if profile.physical.is_some_and(|physical| physical.is_alone(number, iterations)) {
+            let rates = material_rates(layout, &rates);
+            let shared = StepSettings { rules: of_materials, weights, rates, environment_rate, is_observed: true };
+            return self.fit(views, &shared);
+        }
+        let physical = profile.physical.filter(|physical| physical.is_due(number, iterations));
+        let shared =
+            StepSettings { rules, weights, rates: view_rates(layout, &rates), environment_rate, is_observed: true };
+        let reports = self.fit(views, &shared)?;
+        if let Some(physical) = physical {
+            let mean_light = self.mean_light()?;
+            let weights = physical_weights(&self.settings.profile.weights, physical.weight, mean_light);
+            let shared = StepSettings {
+                rules: of_materials,
+                weights,
+                rates: physical_rates(layout, &rates),
+                environment_rate,
+                is_observed: false,
+            };
+            let material_reports = self.fit(views, &shared)?;
+            self.state.nonfinite += material_reports.iter().map(|report| report.nonfinite).sum::<usize>();
+        }
+        Ok(reports)
     }
 
     /// Takes Adam's step against the gradients of some views; returns the report of each.
@@ -320,6 +369,7 @@ impl<E: Executor> Trainer<E> {
             environment_rate: updates.environment_rate,
             radiance_max: updates.radiance_max,
             number: u32::try_from(*visit).unwrap_or(u32::MAX),
+            light_number: light_number(*visit, self.cameras[0][picture.view].light, &self.views_by_light),
         };
         let own: Vec<_> = turns.iter().map(of).collect();
         self.ranks.step(&mut self.exec, &mut self.state.scene, &own, &updates)
@@ -339,7 +389,10 @@ impl<E: Executor> Trainer<E> {
         let turn = ((visit - 1) / self.cameras[0].len() as u64) as u32 + 1;
         let schedule = self.settings.profile.exposure;
         if let (Some(exposures), Some(grad), Some(schedule)) = (&mut self.state.exposures, &report.exposure, schedule) {
-            self.state.nonfinite += exposure::step(exposures, view, grad, schedule.at(self.state.iteration), turn);
+            let light = self.cameras[0][view].light;
+            let peers = |other: usize| self.cameras[0][other].light == light;
+            self.state.nonfinite +=
+                exposure::step(exposures, view, peers, grad, schedule.at(self.state.iteration), turn);
         }
     }
 
@@ -414,13 +467,8 @@ impl<E: Executor> Trainer<E> {
         };
         let rules = RenderRules { is_lit: false, ..self.rules_at(iteration, Channels::Training) };
         let mut gaussians = download_gaussians(&mut self.exec, &self.state.scene.gaussians)?;
-        let sky = match &self.state.scene.light {
-            Some((light, _)) if gaussians.layout.is_physical => {
-                let sky = Sky::new(&download_light(&mut self.exec, light)?);
-                Some(sky.turned(&near_field::lights_from_world(&self.cameras[0])))
-            }
-            _ => None,
-        };
+        let is_of_materials = profile.physical.is_some_and(|physical| physical.is_alone(iteration, iterations));
+        let sky = if gaussians.layout.is_physical { self.mean_sky()? } else { None };
         let scene = &self.state.scene.gaussians;
         let exec = &mut self.exec;
         let mut render = |camera: &Camera, picture: UnlitPicture| {
@@ -431,7 +479,8 @@ impl<E: Executor> Trainer<E> {
             };
             render_view(exec, scene, None, camera, &rules)
         };
-        let found = near_field::fused(&gaussians, &self.cameras[0], schedule.voxels, sky.as_ref(), &mut render)?;
+        let sky = sky.as_ref().map(|sky| UnderSky { sky, is_of_materials });
+        let found = near_field::fused(&gaussians, &self.cameras[0], schedule.voxels, sky, &mut render)?;
         if gaussians.layout.is_physical {
             let surroundings = found.as_ref().and_then(|found| Some(&found.near_field).zip(found.ambient.as_ref()));
             near_field::set_ambient(&mut gaussians, surroundings);
@@ -441,6 +490,19 @@ impl<E: Executor> Trainer<E> {
         let uploaded = self.state.near_field.as_ref().map(|near_field| upload_near_field(&mut self.exec, near_field));
         self.near_field = uploaded.transpose()?;
         Ok(())
+    }
+
+    /// Mean sky of the pictures; none without a light.
+    fn mean_sky(&mut self) -> Result<Option<Sky>, TrainError<E::Error>> {
+        let TrainingState { scene, other_lights, .. } = &self.state;
+        let mut skies = Vec::new();
+        for (number, (light, _)) in scene.light.iter().chain(other_lights).enumerate() {
+            let own = self.cameras[0].iter().filter(|camera| camera.light as usize == number).copied();
+            let turns = near_field::lights_from_world(&own.collect::<Vec<_>>());
+            let sky = Sky::new(&download_light(&mut self.exec, light)?).turned(&turns);
+            skies.push((sky, self.views_by_light[number] as f32 / self.cameras[0].len() as f32));
+        }
+        Ok(Sky::mean(&skies))
     }
 
     /// Sets the 3D filters of Gaussians that have one, from the views at full size.
@@ -453,7 +515,9 @@ impl<E: Executor> Trainer<E> {
 
     /// Scales a light to its mean radiance, if that is known. Materials adapt in the next steps.
     fn scale_light(&mut self) -> Result<(), TrainError<E::Error>> {
-        if let (Some(mean), Some((light, _))) = (self.settings.profile.light_mean, &mut self.state.scene.light) {
+        let Some(mean) = self.settings.profile.light_mean else { return Ok(()) };
+        let TrainingState { scene, other_lights, .. } = &mut self.state;
+        for (light, _) in scene.light.iter_mut().chain(other_lights) {
             let mut scaled = download_light(&mut self.exec, light)?;
             light_scale::scale_to(&mut scaled, mean);
             *light = scaled.with_values(self.exec.upload(&scaled.values)?);
@@ -528,7 +592,9 @@ impl<E: Executor> Trainer<E> {
         let SceneState { gaussians, light, .. } = &self.state.scene;
         let gaussians = download_gaussians(&mut self.exec, gaussians)?;
         let environment = light.as_ref().map(|(light, _)| download_light(&mut self.exec, light)).transpose()?;
-        Ok(HostScene { gaussians, environment, near_field: self.state.near_field.clone() })
+        let others = self.state.other_lights.iter().map(|(light, _)| download_light(&mut self.exec, light));
+        let other_lights = others.collect::<Result<_, _>>()?;
+        Ok(HostScene { gaussians, environment, other_lights, near_field: self.state.near_field.clone() })
     }
 }
 
@@ -541,14 +607,116 @@ fn upload_near_field<E: Executor>(exec: &mut E, near_field: &NearField<Vec<f32>>
 pub struct HostScene {
     /// The Gaussians.
     pub gaussians: Gaussians<Vec<f32>>,
-    /// The light, if there is one.
+    /// The first light, if there is one.
     pub environment: Option<Environment<Vec<f32>>>,
+    /// The lights of other groups of pictures, in the order of [`Camera::light`] from 1.
+    pub other_lights: Vec<Environment<Vec<f32>>>,
     /// The near field, if there is one.
     pub near_field: Option<NearField<Vec<f32>>>,
+}
+
+/// Number of views under each light, up to the last light of any view.
+fn views_by_light(cameras: &[Camera]) -> Vec<u64> {
+    let mut counts = vec![0; cameras.iter().map(|camera| camera.light as usize + 1).max().unwrap_or(1)];
+    cameras.iter().for_each(|camera| counts[camera.light as usize] += 1);
+    counts
+}
+
+/// Number of a visit among those of pictures under a light, from 1, as if its pictures were spread
+/// evenly over each pass.
+fn light_number(visit: u64, light: u32, views_by_light: &[u64]) -> u32 {
+    let number = (visit - 1) * views_by_light[light as usize] / views_by_light.iter().sum::<u64>() + 1;
+    u32::try_from(number).unwrap_or(u32::MAX)
 }
 
 /// Returns whether views at half their size are still large enough to train on.
 fn all_can_be_halved(cameras: &[Camera]) -> bool {
     const SIZE_MIN: u32 = 64;
     cameras.iter().all(|camera| camera.width.min(camera.height) >= 2 * SIZE_MIN)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{profile::by_name, view::View};
+    use glam::Vec3;
+    use specula_core::scene::{ALBEDO, DIFFUSE};
+    use specula_cpu::CpuExecutor;
+
+    const ITERATIONS: u32 = 40;
+
+    /// Three views of two points under two lights.
+    fn views() -> [View; 3] {
+        [0, 1, 1].map(|light| {
+            let eye = Vec3::new(3.0, light as f32, 0.5);
+            let camera = Camera { light, ..Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.7, 32, 32) };
+            View { name: light.to_string(), camera, rgba: vec![100 + 80 * light as u8; 32 * 32 * 4], normals: None }
+        })
+    }
+
+    fn settings() -> Settings {
+        let mut profile = by_name("specula", ITERATIONS).expect("a profile").relightable().under_several_lights();
+        profile.light.as_mut().expect("a light").resolution = 16;
+        Settings { profile, iterations: ITERATIONS, seed: 0, background: [1.0; 3], random_points: 0 }
+    }
+
+    fn trainer(settings: Settings) -> Result<Trainer<CpuExecutor>, TrainError<specula_cpu::CpuError>> {
+        let points = [0.0, 0.2].map(|z| Point { position: [0.0, 0.0, z], color: [0.5; 3] });
+        Trainer::new(CpuExecutor::new(), settings, &views(), &points)
+    }
+
+    fn take(trainer: &mut Trainer<CpuExecutor>, steps: u32) {
+        for _ in 0..steps {
+            trainer.step().expect("the CPU trains");
+        }
+    }
+
+    #[test]
+    fn a_step_changes_the_light_of_its_picture() {
+        let mut trainer = trainer(settings()).expect("there are views");
+        let mut steps = [0; 2];
+        for _ in 0..12 {
+            let before = trainer.download().expect("the CPU gives back");
+            trainer.step().expect("the CPU trains");
+            let after = trainer.download().expect("the CPU gives back");
+            let has_changed = [before.environment != after.environment, before.other_lights != after.other_lights];
+            assert!(has_changed[0] != has_changed[1], "one of them: {has_changed:?}");
+            steps[usize::from(has_changed[1])] += 1;
+        }
+        assert_eq!(steps, [4, 8], "as many as pictures");
+    }
+
+    #[test]
+    fn numbers_of_a_light_are_those_of_the_visits_to_its_pictures() {
+        let numbers = |light: u32| [1, 2, 3, 4, 301].map(|visit| light_number(visit, light, &[1, 2]));
+        assert_eq!([numbers(0), numbers(1)], [[1, 1, 1, 2, 101], [1, 1, 2, 3, 201]]);
+    }
+
+    #[test]
+    fn materials_are_fitted_alone_after_the_start() {
+        let mut trainer = trainer(settings()).expect("there are views");
+        let layout = trainer.gaussians().layout;
+        let albedo = layout.physical_planes().expect("materials") + ALBEDO;
+        let planes = |trainer: &mut Trainer<CpuExecutor>| {
+            let scene = trainer.download().expect("the CPU gives back").gaussians;
+            [DIFFUSE, albedo].map(|plane| scene.get::<3>(0, plane))
+        };
+        let [diffuse, albedo] = planes(&mut trainer);
+        take(&mut trainer, 3);
+        let [begun, same] = planes(&mut trainer);
+        assert!(begun != diffuse && same == albedo, "view-dependent colours find the surface");
+        take(&mut trainer, 25);
+        let [begun, _] = planes(&mut trainer);
+        take(&mut trainer, 4);
+        let [kept, fitted] = planes(&mut trainer);
+        assert!(kept == begun && fitted != albedo, "then materials alone");
+        assert_eq!(layout.sh_degree, None, "no residual harmonics");
+    }
+
+    #[test]
+    fn several_views_per_step_are_refused_under_several_lights() {
+        let Settings { profile, .. } = settings();
+        let refused = trainer(Settings { profile: profile.for_batches(2), ..settings() });
+        assert!(matches!(refused, Err(TrainError::SeveralLights)));
+    }
 }

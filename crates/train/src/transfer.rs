@@ -3,7 +3,7 @@
 use specula_core::{
     executor::Executor,
     scene::{Environment, Gaussians, len_of_values},
-    state::{AdamMoments, SceneState, Statistics, TrainingState},
+    state::{AdamMoments, FittedLight, SceneState, Statistics, TrainingState},
 };
 
 /// Uploads a scene with its moments and statistics.
@@ -12,11 +12,7 @@ pub(crate) fn upload_scene<E: Executor>(
     scene: &SceneState<Vec<f32>>,
 ) -> Result<SceneState<E::Array>, E::Error> {
     let SceneState { gaussians, moments, statistics, light } = scene;
-    let light = light.as_ref().map(|(light, moments)| -> Result<_, E::Error> {
-        let light = light.with_values(exec.upload(&light.values)?);
-        Ok((light, AdamMoments { mean: exec.upload(&moments.mean)?, square: exec.upload(&moments.square)? }))
-    });
-    let light = light.transpose()?;
+    let light = light.as_ref().map(|light| upload_fitted_light(exec, light)).transpose()?;
     let mut upload = |values| exec.upload_gaussians(&gaussians.with_values(values));
     Ok(SceneState {
         light,
@@ -35,11 +31,8 @@ pub(crate) fn download_scene<E: Executor>(
     scene: &SceneState<E::Array>,
 ) -> Result<SceneState<Vec<f32>>, E::Error> {
     let SceneState { gaussians, moments, statistics, light } = scene;
-    let light = light.as_ref().map(|(light, moments)| -> Result<_, E::Error> {
-        Ok((download_light(exec, light)?, download_moments(exec, moments, light.len_of_values())?))
-    });
     Ok(SceneState {
-        light: light.transpose()?,
+        light: light.as_ref().map(|light| download_fitted_light(exec, light)).transpose()?,
         gaussians: download_gaussians(exec, gaussians)?,
         moments: download_moments(exec, moments, len_of_values(gaussians.count, gaussians.layout))?,
         statistics: Statistics {
@@ -49,11 +42,33 @@ pub(crate) fn download_scene<E: Executor>(
     })
 }
 
-/// Copy of a state, with its scene in other memory.
-pub(crate) fn with_scene<A, B>(state: &TrainingState<A>, scene: SceneState<B>) -> TrainingState<B> {
+/// Uploads a light with its moments.
+pub(crate) fn upload_fitted_light<E: Executor>(
+    exec: &mut E,
+    (light, moments): &FittedLight<Vec<f32>>,
+) -> Result<FittedLight<E::Array>, E::Error> {
+    let light = light.with_values(exec.upload(&light.values)?);
+    Ok((light, AdamMoments { mean: exec.upload(&moments.mean)?, square: exec.upload(&moments.square)? }))
+}
+
+/// Downloads a light with its moments.
+pub(crate) fn download_fitted_light<E: Executor>(
+    exec: &mut E,
+    (light, moments): &FittedLight<E::Array>,
+) -> Result<FittedLight<Vec<f32>>, E::Error> {
+    Ok((download_light(exec, light)?, download_moments(exec, moments, light.len_of_values())?))
+}
+
+/// Copy of a state, with its scene and the other lights in other memory.
+pub(crate) fn with_scene<A, B>(
+    state: &TrainingState<A>,
+    scene: SceneState<B>,
+    other_lights: Vec<FittedLight<B>>,
+) -> TrainingState<B> {
     let TrainingState { near_field, exposures, order, iteration, psnr, nonfinite, .. } = state;
     TrainingState {
         scene,
+        other_lights,
         near_field: near_field.clone(),
         exposures: exposures.clone(),
         order: order.clone(),

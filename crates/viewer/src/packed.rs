@@ -294,7 +294,7 @@ impl Header {
             }
         }
         let light = self.light.as_ref().map(|light| light.cube(reader)).transpose()?;
-        Ok(Scene { gaussians, light, near_field: None, lamps: None, shading_model })
+        Ok(Scene { gaussians, light, near_field: None, lamps: None, other_lights: Vec::new(), shading_model })
     }
 }
 
@@ -550,6 +550,7 @@ impl PackedView {
             principal_px: self.principal,
             light_from_world: None,
             scissor: None,
+            light: 0,
             near: self.near,
             width,
             height,
@@ -617,6 +618,7 @@ mod tests {
             light: Some(cube(RadianceActivation::Exponential)),
             near_field: Some(Surface::shared(surface())),
             lamps: None,
+            other_lights: Vec::new(),
             shading_model: ShadingModel::DEFERRED,
         };
         let orientation = Orientation {

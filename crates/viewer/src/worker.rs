@@ -512,7 +512,14 @@ mod tests {
         }
         let values = (0..18 * 16 * 16).map(|k| 0.1 + 0.05 * (k % 7) as f32).collect();
         let light = Environment { resolution: 16, activation: RadianceActivation::Identity, values };
-        Scene { gaussians, light: Some(light), near_field: None, lamps: None, shading_model: ShadingModel::DEFERRED }
+        Scene {
+            gaussians,
+            light: Some(light),
+            near_field: None,
+            lamps: None,
+            other_lights: Vec::new(),
+            shading_model: ShadingModel::DEFERRED,
+        }
     }
 
     fn options() -> RenderOptions {

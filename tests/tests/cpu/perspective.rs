@@ -64,6 +64,7 @@ fn straight(focal: [f32; 2]) -> Camera {
         principal_px: [50.0, 40.0],
         light_from_world: None,
         scissor: None,
+        light: 0,
         width: 100,
         height: 80,
         near: 0.0,

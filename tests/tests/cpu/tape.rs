@@ -260,6 +260,7 @@ fn the_gradient_of_a_loss_is_that_of_a_view() {
             environment_rate: 0.0,
             radiance_max: f32::MAX,
             number: 1,
+            light_number: 1,
         };
         let (expected, _) =
             view_gradient(&mut exec, &gaussians, Some(&environment), None, &step).expect("the CPU derives");

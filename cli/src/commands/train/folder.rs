@@ -101,6 +101,9 @@ pub(super) fn read_checkpoint(
         if let Some(mean) = settings.profile.light_mean {
             profile = profile.with_light_mean(mean);
         }
+        if settings.profile.is_of_materials() {
+            profile = profile.under_several_lights();
+        }
         Ok(training::settings_text(&Settings { profile, iterations: earlier.iterations, ..settings.clone() }))
     };
     if settings_of(args)? != earlier.settings {

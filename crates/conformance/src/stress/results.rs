@@ -117,6 +117,7 @@ impl<A> Scene<A> {
             environment_rate: 0.0,
             radiance_max: f32::MAX,
             number: 1,
+            light_number: 1,
         };
         train_step(exec, &mut self.state, &step).expect("the executor trains")
     }

@@ -58,6 +58,7 @@ fn example(layout: Layout) -> Checkpoint {
     Checkpoint {
         state: TrainingState {
             scene,
+            other_lights: Vec::new(),
             near_field: Some(near_field()),
             exposures: Some(ExposureState { maps: exposures(&numbers(13, 36)), moments }),
             order: vec![3, 0, 7],
@@ -117,6 +118,19 @@ fn every_bit_comes_back() {
         };
         assert_eq!(kinds(&read), kinds(&written));
     }
+}
+
+#[test]
+fn lights_of_other_groups_come_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut written = example(Layout::shaded(Some(1)));
+    let (light, moments) = written.state.scene.light.clone().unwrap();
+    let other = |seed: u64| (light.with_values(numbers(seed, light.values.len())), moments.clone());
+    written.state.other_lights = vec![other(31), other(32)];
+    checkpoint::write(folder.path(), &written).unwrap();
+    let read = checkpoint::read(folder.path()).unwrap();
+    assert!(read.state.other_lights == written.state.other_lights);
+    assert_eq!(read.state.scene.light, written.state.scene.light);
 }
 
 #[test]

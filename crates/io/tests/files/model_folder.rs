@@ -63,7 +63,8 @@ fn save_with(
 ) {
     let (gaussians, info) = (gaussians(iteration as f32), info());
     let comments = ["hello".to_owned()];
-    let snapshot = Snapshot { gaussians: &gaussians, comments: &comments, light, near_field, info: &info };
+    let snapshot =
+        Snapshot { gaussians: &gaussians, comments: &comments, light, other_lights: &[], near_field, info: &info };
     model_folder::save(folder, iteration, &snapshot).unwrap();
 }
 
@@ -124,7 +125,14 @@ fn folders_that_are_links_are_neither_written_nor_emptied() {
         fs::create_dir_all(link.parent().unwrap()).unwrap();
         symlink(elsewhere.path().join(name), &link).unwrap();
         let (gaussians, info) = (gaussians(1.0), info());
-        let snapshot = Snapshot { gaussians: &gaussians, comments: &[], light: None, near_field: None, info: &info };
+        let snapshot = Snapshot {
+            gaussians: &gaussians,
+            comments: &[],
+            light: None,
+            other_lights: &[],
+            near_field: None,
+            info: &info,
+        };
         let refused = [model_folder::save(folder.path(), 7, &snapshot), model_folder::remove_training(folder.path())];
         for refused in refused {
             assert!(matches!(refused.unwrap_err(), Error::Link { path } if path == link), "{name}");
@@ -467,6 +475,32 @@ fn network() -> Environment<Vec<f32>> {
     let weight = |index| initial_weight(index, -0.5, 3) + 0.001 * (index % 7) as f32;
     let values = (0..WEIGHT_COUNT).map(weight).collect();
     Environment { resolution: 16, activation: RadianceActivation::Network, values }
+}
+
+#[test]
+fn lights_of_groups_come_back_and_former_ones_do_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let gaussians = gaussians(3.0);
+    let lights = [network(), texels_of(0.5), texels_of(2.0)];
+    let save = |count: usize| {
+        let mut info = info();
+        info.set_light_names(&["a", "b", "c"][..count].iter().map(|name| (*name).to_owned()).collect::<Vec<_>>());
+        let (light, other_lights) = (Some(&lights[0]), &lights[1..count]);
+        let snapshot =
+            Snapshot { gaussians: &gaussians, comments: &[], light, other_lights, near_field: None, info: &info };
+        model_folder::save(folder.path(), 3, &snapshot).unwrap();
+        model_folder::open(folder.path()).unwrap().other_lights
+    };
+    assert!(save(3) == lights[1..]);
+    assert!(save(2) == lights[1..2] && !model_folder::numbered_light_at(folder.path(), 3, 2).exists());
+    assert!(save(1).is_empty());
+}
+
+/// A light of one radiance at the resolution of [`network`].
+fn texels_of(radiance: f32) -> Environment<Vec<f32>> {
+    let resolution = network().resolution;
+    let values = vec![radiance; 18 * resolution * resolution];
+    Environment { resolution, activation: RadianceActivation::Identity, values }
 }
 
 #[test]

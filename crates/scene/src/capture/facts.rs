@@ -97,18 +97,8 @@ impl Facts {
 
     fn write(&self, out: &mut Vec<u8>) {
         let Photograph { camera, has_alpha, has_normals, changes, checksum, .. } = &self.photograph;
-        // The light's frame follows from all cameras, later.
-        let Camera {
-            camera_from_world,
-            position,
-            focal_px,
-            principal_px,
-            near,
-            width,
-            height,
-            light_from_world: _,
-            scissor: _,
-        } = *camera;
+        // The light follows from all cameras, later.
+        let Camera { camera_from_world, position, focal_px, principal_px, near, width, height, .. } = *camera;
         let numbers = camera_from_world.to_cols_array().into_iter().chain(position.to_array());
         for number in numbers.chain(focal_px).chain(principal_px).chain([near]) {
             out.extend(number.to_le_bytes());
@@ -145,6 +135,7 @@ impl Facts {
             height,
             light_from_world: None,
             scissor: None,
+            light: 0,
         };
         let changes = Changes { is_undistorted, is_turned, unknown, pixels };
         let photograph = Photograph { name: String::new(), camera, has_alpha, has_normals, changes, checksum };

@@ -52,7 +52,14 @@ impl ReferencePictures {
         placed: Option<&Upright>,
         progress: impl FnMut(usize),
     ) -> Result<PictureError, SceneError> {
-        let scene = Scene { gaussians, light: None, near_field: None, lamps: None, shading_model: ShadingModel::PAPER };
+        let scene = Scene {
+            gaussians,
+            light: None,
+            near_field: None,
+            lamps: None,
+            other_lights: Vec::new(),
+            shading_model: ShadingModel::PAPER,
+        };
         self.compare_scene(scene, placed, progress)
     }
 

@@ -141,12 +141,16 @@ fn checksum<'a>(pictures: impl Iterator<Item = PictureSum<'a>>) -> String {
             height,
             light_from_world,
             scissor: _,
+            light: number,
         } = *camera;
         let numbers = camera_from_world.to_cols_array().into_iter().chain(position.to_array());
         let light = light_from_world.iter().flat_map(glam::Mat3::to_cols_array);
         sum.update(name.as_bytes());
         [width, height].iter().for_each(|size| sum.update(&size.to_le_bytes()));
         numbers.chain(focal_px).chain(principal_px).chain(light).for_each(|number| sum.update(&number.to_le_bytes()));
+        if number > 0 {
+            sum.update(&number.to_le_bytes());
+        }
         let len = 4 * u64::from(width) * u64::from(height);
         sum.combine(&crc32fast::Hasher::new_with_initial_len(pixels, len));
     }
@@ -178,6 +182,7 @@ mod tests {
             let eye = glam::Vec3::new(3.0 * turn.cos(), 3.0 * turn.sin(), 0.7);
             let camera = Camera::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, SIZE, SIZE);
             let camera = Camera { light_from_world: Some(glam::Mat3::from_rotation_z(turn)), ..camera };
+            let camera = Camera { light: (k % 2) as u32, ..camera };
             let rgba = (0..u64::from(SIZE * SIZE * 4)).map(|byte| (byte * (k + 3) % 253) as u8).collect();
             View { name: k.to_string(), camera, rgba, normals: None }
         };
@@ -285,12 +290,13 @@ mod tests {
         let sum_of = |views: &[View]| describe(&settings("3dgs"), String::new(), views).pictures;
         let sum = sum_of(&views());
         assert_eq!(sum, sum_of(&views()));
-        let changes: [fn(&mut View); 5] = [
+        let changes: [fn(&mut View); 6] = [
             |view| view.rgba[17] ^= 1,
             |view| view.name.push('x'),
             |view| view.camera.focal_px[0] += 1.0,
             |view| view.camera.width += 1,
             |view| view.camera.light_from_world = None,
+            |view| view.camera.light = 1,
         ];
         for change in changes {
             let mut changed = views();

@@ -12,6 +12,7 @@ pub fn model_info(settings: &Settings, [train, test]: [usize; 2], orientation: O
     let Settings { profile, iterations, seed, background, .. } = settings;
     let [shading, axis, prefilter, reflections] = ShadingModel::of_profile(profile).names();
     let is_shaded = profile.layout.is_shaded();
+    let shading = if profile.is_of_materials() { "physical" } else { shading };
     let mut rest = Map::new();
     if is_shaded {
         rest.insert("axis".into(), axis.into());
