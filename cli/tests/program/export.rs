@@ -80,7 +80,7 @@ impl Ball {
         ball
     }
 
-    fn save(&self, light: &impl Fn([f64; 3]) -> [f32; 3]) {
+    pub(crate) fn save(&self, light: &impl Fn([f64; 3]) -> [f32; 3]) {
         let texel = |k: usize| {
             let n = LIGHT_RESOLUTION;
             light(specula_core::cubemap::texel_direction(k / (n * n), k % n, k / n % n, n))
@@ -103,7 +103,7 @@ impl Ball {
         cameras::write(&self.model().join("cameras.json"), &all, [0.0; 3]).unwrap();
     }
 
-    fn model(&self) -> PathBuf {
+    pub(crate) fn model(&self) -> PathBuf {
         self.tiny.path("ball")
     }
 
@@ -795,9 +795,9 @@ fn an_upright_ply_has_y_down_and_towards_turned_directions_the_colours_that_it_h
     let opened = OpenedModel::open(&ball.tiny.path("upright.ply")).unwrap();
     assert_eq!(opened.orientation(None).unwrap().up, [0.0, -1.0, 0.0], "it opens upright again");
     let mut meshes = specula();
-    meshes.arg("export").arg(ball.model()).args(["--mesh", "-o"]).arg(ball.tiny.path("mesh.glb"));
+    meshes.arg("export").arg(ball.model()).args(["--mesh", "-o"]).arg(ball.tiny.path("mesh.splat"));
     let refused = meshes.assert().code(2).get_output().clone();
-    assert!(String::from_utf8(refused.stderr).unwrap().contains("--mesh writes .ply files"));
+    assert!(String::from_utf8(refused.stderr).unwrap().contains("--mesh writes .ply and .glb files"));
 }
 
 #[test]

@@ -29,6 +29,7 @@ mod reflections;
 mod report;
 mod resume;
 mod site;
+mod textured;
 mod tiny;
 mod view;
 mod web;

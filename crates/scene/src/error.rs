@@ -3,6 +3,7 @@
 use specula_cpu::CpuError;
 #[cfg(feature = "gpu")]
 use specula_gpu::GpuError;
+use specula_mesh::atlas::TextureTooSmall;
 use specula_train::{exchange::ExchangeError, pictures::PictureError, trainer::TrainError};
 use std::path::PathBuf;
 
@@ -61,6 +62,9 @@ pub enum SceneError {
     /// A single PLY file, which has no folder for pictures.
     #[error("a PLY file has no folder for pictures")]
     NoFolder,
+    /// A texture is too small for its mesh.
+    #[error(transparent)]
+    Texture(#[from] TextureTooSmall),
     /// The backend of a renderer keeps its Gaussians and its light.
     #[error("the Gaussians and the light of this renderer cannot be replaced")]
     Immutable,

@@ -125,7 +125,7 @@ impl Upright {
     }
 
     /// Transform of a glTF node, for numbers that stay in the scene's world.
-    pub(crate) fn node_transform(&self) -> Placement {
+    pub fn node_transform(&self) -> Placement {
         Placement {
             rotation: DQuat::from_mat3(&self.rotation).to_array(),
             translation: (-self.scale * (self.rotation * self.centre)).to_array(),
