@@ -146,6 +146,7 @@ impl From<SceneError> for Failure {
             SceneError::UnknownSplit | SceneError::NoViews(_) => {
                 Self::Input(format!("{error}; use --split all or --cameras"))
             }
+            SceneError::Texture(_) => Self::Input(format!("{error}; increase --texture, or decrease --triangles")),
             SceneError::NoFolder => Self::Input(format!("{error}; set one with -o")),
             SceneError::CubeMap(_) => {
                 Self::Input(format!("{error}, or a light written by specula export MODEL -o light.exr"))

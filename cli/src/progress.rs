@@ -162,6 +162,12 @@ impl Work {
         self.bar.set_length(steps);
     }
 
+    /// Shows that `done` of `all` steps are done.
+    pub(crate) fn done_of(&self, done: usize, all: usize) {
+        self.set_steps(all as u64);
+        self.done(done as u64, String::new);
+    }
+
     /// Removes the bar.
     pub(crate) fn finish(self) {
         self.bar.finish_and_clear();

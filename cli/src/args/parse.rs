@@ -148,6 +148,24 @@ pub(super) fn whole_above_zero(text: &str) -> Result<usize, String> {
     }
 }
 
+/// Number of triangles, enough for a few solids.
+pub(super) fn triangles(text: &str) -> Result<usize, String> {
+    const LEAST: usize = 100;
+    match count(text)? {
+        ..LEAST => Err(format!("use {LEAST} triangles or more")),
+        number => Ok(number),
+    }
+}
+
+/// Rows and columns of a texture, which engines support.
+pub(super) fn texture_size(text: &str) -> Result<u32, String> {
+    let sizes = 64..=8192;
+    text.parse()
+        .ok()
+        .filter(|size| sizes.contains(size))
+        .ok_or_else(|| format!("use a whole number from {} to {}", sizes.start(), sizes.end()))
+}
+
 /// Whole number as 30000, 30_000, 30k, 1.5M or 3e4.
 pub(super) fn count<N: TryFrom<u64>>(text: &str) -> Result<N, String> {
     const WRONG: &str = "use a whole number, such as 30000, 30_000, 30k or 3e4";

@@ -9,18 +9,18 @@ use crate::{
     output, progress,
     scene::{self, background_of, note_oddities, refuse_options_without_light, relight},
 };
-use specula_core::{camera::Camera, rules::Channels, scene::Environment};
+use specula_core::{camera::Camera, scene::Environment};
 use specula_cpu::CpuExecutor;
-use specula_io::{Error, latlong, mesh, orientation::Orientation, origin};
+use specula_io::{Error, glb::textured, latlong, mesh, orientation::Orientation, origin};
 use specula_scene::{
-    OpenedModel, RenderOptions, Scene, SceneError, SceneRenderer, Shading,
+    OpenedModel, RenderOptions, Scene, SceneError, Shading,
     backdrop::BackgroundColor,
     environment::radiance,
     export::{
         BakeMethod, ExportFormat, GaussianFormat, PlainGaussians, ReferencePictures, is_of_model, read_relightable,
         visible,
     },
-    fusion,
+    fusion::{self, Fused, MeshSize},
     number::group_digits,
     orbit::evenly_spaced,
     orientation,
@@ -42,6 +42,10 @@ const SPHERE: u32 = 64;
 const FUSED_MAX: usize = 120;
 /// Rows of a lat-long map for each texel along an edge of a face, enough to keep every texel.
 const ROWS: usize = 2;
+/// Largest number of triangles of a mesh with textures by default.
+const TRIANGLES: usize = 50_000;
+/// Rows and columns of its textures by default.
+const TEXELS: u32 = 2048;
 /// Degree of baked harmonics by default.
 const DEGREE: u8 = 3;
 
@@ -51,8 +55,18 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     if let Some(twice) = (1..args.output.len()).find(|index| args.output[..*index].contains(&args.output[*index])) {
         return Err(Failure::Input(format!("{:?} is named twice with -o", args.output[twice])));
     }
-    if args.mesh && !formats.contains(&ExportFormat::Mesh) {
-        return Err(Failure::Input("--mesh writes .ply files as meshes; name one with -o, or a .obj".to_owned()));
+    let has_textures = formats.contains(&ExportFormat::TexturedMesh);
+    let has_mesh = has_textures || formats.contains(&ExportFormat::Mesh);
+    if args.mesh && !has_mesh {
+        return Err(Failure::Input(
+            "--mesh writes .ply and .glb files as meshes; name one with -o, or a .obj".to_owned(),
+        ));
+    }
+    if args.triangles.is_some() && !has_mesh {
+        return Err(Failure::Input("--triangles applies to meshes; write one with --mesh -o FILE.glb".to_owned()));
+    }
+    if args.texture.is_some() && !has_textures {
+        return Err(Failure::Input("--texture applies to .glb meshes; write one with --mesh -o FILE.glb".to_owned()));
     }
     let is_page = |format: &ExportFormat| matches!(format, ExportFormat::Page | ExportFormat::PageFolder);
     let has_page_options = args.page_exact || !args.page_env.is_empty();
@@ -149,6 +163,7 @@ impl Exporter<'_> {
             ExportFormat::LatLong => return self.write_map(path),
             ExportFormat::PrefilteredLight => return self.write_prefiltered(path),
             ExportFormat::Mesh => return self.write_mesh(path),
+            ExportFormat::TexturedMesh => return self.write_textured_mesh(path),
             ExportFormat::Page => return self.write_page(path, false),
             ExportFormat::PageFolder => return self.write_page(path, true),
             ExportFormat::Gaussians(format) => format,
@@ -209,10 +224,7 @@ impl Exporter<'_> {
         }
         let cameras = if is_shaded { self.opened.surrounding_cameras(SPHERE)? } else { Vec::new() };
         let work = progress::work("baking", 0);
-        let progress = |done: usize, all: usize| {
-            work.set_steps(all as u64);
-            work.done(done as u64, String::new);
-        };
+        let progress = |done, all| work.done_of(done, all);
         let (exec, method) = (CpuExecutor::new(), self.method());
         let plain = PlainGaussians::bake(exec, self.scene(), kept, &cameras, degree, method, progress)?;
         work.finish();
@@ -333,37 +345,73 @@ impl Exporter<'_> {
     }
 
     fn write_mesh(&self, path: &Path) -> Result<(), Failure> {
-        let cameras = evenly_spaced(&self.opened.surrounding_cameras(SPHERE)?, FUSED_MAX);
-        let scene = self.scene().clone();
-        if scene.gaussians.count == 0 {
-            return Err(Failure::Input(format!(
-                "{:?} has no visible Gaussian; use an earlier iteration",
-                self.args.model
-            )));
-        }
-        let gaussians = scene.gaussians.clone();
-        let mut renderer = SceneRenderer::new(scene, Channels::Training, &self.options())?;
-        let work = progress::work("fusing", cameras.len() as u64);
-        let progress = |done| work.done(done as u64, String::new);
-        let mesh = fusion::fuse(&mut renderer, &gaussians, &cameras, self.args.voxels, progress)?;
+        let cameras = self.fused_cameras()?;
+        let work = progress::work("fusing", 0);
+        let progress = |done, all| work.done_of(done, all);
+        let size = MeshSize { voxels: self.args.voxels, triangles: self.args.triangles };
+        let fused = fusion::fuse(self.scene(), &cameras, size, &self.options(), progress);
         work.finish();
+        let Fused { mesh, omitted } = fused?;
         if mesh.triangles.is_empty() {
-            return Err(Failure::Input(format!(
-                "no camera sees a surface in {:?}; increase --voxels, or use a model with opaque surfaces",
-                self.args.model
-            )));
+            return Err(self.no_surface());
         }
         let mesh = match self.upright(AxisConvention::YUp) {
             Some(upright) => upright.mesh(mesh),
             None => mesh,
         };
         mesh::write(path, &mesh, self.origin().as_slice())?;
-        let count = format!(
-            "{} triangles, {} vertices",
-            group_digits(mesh.triangles.len()),
-            group_digits(mesh.positions.len())
-        );
-        self.say(path, &count, &format!("colours are the mean over {} views", cameras.len()))
+        let count = [mesh.triangles.len(), mesh.positions.len()];
+        self.say_mesh(path, count, omitted, &format!("colours are the mean over {} views", cameras.len()))
+    }
+
+    fn write_textured_mesh(&self, path: &Path) -> Result<(), Failure> {
+        let (cameras, texels) = (self.fused_cameras()?, self.args.texture.unwrap_or(TEXELS));
+        let work = progress::work("fusing", 0);
+        let progress = |done, all| work.done_of(done, all);
+        let size = (self.args.voxels, self.args.triangles.unwrap_or(TRIANGLES), texels);
+        let fused = fusion::fuse_textured(self.scene(), &cameras, size, &self.options(), progress);
+        work.finish();
+        let Fused { mesh, omitted } = fused?.ok_or_else(|| self.no_surface())?;
+        let placement = self.upright(AxisConvention::YUp).map(|upright| upright.node_transform());
+        let origin = if placement.is_some() { [0.0; 3] } else { self.opened.origin };
+        textured::write(path, &mesh, placement, origin)?;
+        let content = match mesh.surface {
+            Some(_) => "base colour, roughness and metalness are means",
+            None => {
+                "without physical materials (train --relightable) the base colour contains the light: it is the mean"
+            }
+        };
+        let content = format!("textures of {texels} × {texels}; {content} over {} views", cameras.len());
+        self.say_mesh(path, [mesh.triangles.len(), mesh.positions.len()], omitted, &content)
+    }
+
+    /// Cameras whose depths are fused.
+    fn fused_cameras(&self) -> Result<Vec<Camera>, Failure> {
+        if self.scene().gaussians.count == 0 {
+            return Err(Failure::Input(format!(
+                "{:?} has no visible Gaussian; use an earlier iteration",
+                self.args.model
+            )));
+        }
+        Ok(evenly_spaced(&self.opened.surrounding_cameras(SPHERE)?, FUSED_MAX))
+    }
+
+    fn no_surface(&self) -> Failure {
+        Failure::Input(format!(
+            "no camera sees a surface in {:?}; increase --voxels, or use a model with opaque surfaces",
+            self.args.model
+        ))
+    }
+
+    /// Prints a written mesh of some triangles and vertices.
+    fn say_mesh(&self, path: &Path, count: [usize; 2], omitted: usize, losses: &str) -> Result<(), Failure> {
+        let [triangles, vertices] = count.map(group_digits);
+        let omitted = match omitted {
+            0 => String::new(),
+            1 => "; a small component is omitted".to_owned(),
+            count => format!("; {} small components are omitted", group_digits(count)),
+        };
+        self.say(path, &format!("{triangles} triangles, {vertices} vertices"), &format!("{losses}{omitted}"))
     }
 
     /// Comment that names the origin of positions; `None` in an upright world.

@@ -32,6 +32,7 @@ mod report;
 mod resume;
 mod several_lights;
 mod site;
+mod textured;
 mod tiny;
 mod view;
 mod web;

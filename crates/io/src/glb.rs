@@ -8,6 +8,7 @@
 mod document;
 mod nodes;
 mod read;
+pub mod textured;
 
 use crate::{
     error::{Error, Result},
@@ -103,6 +104,19 @@ pub fn write(
         used.push(SHADING);
     }
     let primitive = json!({"attributes": attributes, "mode": POINTS, "extensions": {SPLATTING: extension}});
+    write_document(path, file, &primitive, (&used, json!({})), placement, origin)
+}
+
+/// Writes a primitive in a node: with the extensions that it uses, other properties of the document,
+/// an optional transform, and the origin of positions if that is not zero.
+fn write_document(
+    path: &Path,
+    file: File,
+    primitive: &Value,
+    (used, rest): (&[&str], Value),
+    placement: Option<Placement>,
+    origin: [f64; 3],
+) -> Result<()> {
     let mut node = json!({"mesh": 0});
     if let Some(Placement { rotation, translation, scale }) = placement {
         node["rotation"] = json!(rotation);
@@ -112,12 +126,18 @@ pub fn write(
     if !origin::is_zero(&origin) {
         node["extras"] = json!({"origin": origin});
     }
-    let json = json!({
+    let mut json = json!({
         "asset": {"version": "2.0", "generator": concat!("specula ", env!("CARGO_PKG_VERSION"))},
-        "extensionsUsed": used,
         "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [node], "meshes": [{"primitives": [primitive]}],
         "accessors": file.accessors, "bufferViews": file.views, "buffers": [{"byteLength": file.bytes.len()}],
     });
+    // An empty list is not valid.
+    if !used.is_empty() {
+        json["extensionsUsed"] = json!(used);
+    }
+    if let Value::Object(rest) = rest {
+        rest.into_iter().for_each(|(name, value)| json[name] = value);
+    }
     write_chunks(path, &json, file.bytes)
 }
 

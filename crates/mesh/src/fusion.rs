@@ -70,8 +70,13 @@ impl Fusion {
 
     /// Surface of all views, without small components.
     pub fn mesh(&mut self) -> Mesh {
+        self.mesh_and_omitted().0
+    }
+
+    /// Surface of all views, without small components, and the number of these.
+    pub fn mesh_and_omitted(&mut self) -> (Mesh, usize) {
         self.integrate();
-        without_small_components(self.volume.surface())
+        without_small_components(&self.volume.surface())
     }
 }
 
@@ -235,8 +240,9 @@ fn complete(vertices: [u32; 4]) -> Option<[u32; 4]> {
     (!vertices.contains(&u32::MAX)).then_some(vertices)
 }
 
-/// Mesh without connected components of few triangles and without unused vertices.
-fn without_small_components(mesh: Mesh) -> Mesh {
+/// Mesh without connected components of few triangles and without unused vertices, and the number
+/// of these components.
+fn without_small_components(mesh: &Mesh) -> (Mesh, usize) {
     let mut parents: Vec<u32> = (0..mesh.positions.len() as u32).collect();
     for [a, b, c] in &mesh.triangles {
         for (one, other) in [(a, b), (b, c)] {
@@ -244,24 +250,12 @@ fn without_small_components(mesh: Mesh) -> Mesh {
             parents[one.max(other) as usize] = one.min(other);
         }
     }
+    let roots: Vec<usize> = (0..parents.len()).map(|vertex| root(&mut parents, vertex as u32) as usize).collect();
     let mut sizes = vec![0_usize; parents.len()];
-    mesh.triangles.iter().for_each(|[a, ..]| sizes[root(&mut parents, *a) as usize] += 1);
+    mesh.triangles.iter().for_each(|[a, ..]| sizes[roots[*a as usize]] += 1);
     let count_min = (COMPONENT_SHARE_MIN * mesh.triangles.len() as f32) as usize;
-    let is_kept = |parents: &mut [u32], vertex: u32| sizes[root(parents, vertex) as usize] > count_min;
-
-    let mut kept = Mesh::default();
-    let mut index_of = vec![u32::MAX; parents.len()];
-    for vertex in 0..parents.len() {
-        if is_kept(&mut parents, vertex as u32) {
-            index_of[vertex] = kept.positions.len() as u32;
-            kept.positions.push(mesh.positions[vertex]);
-            kept.normals.push(mesh.normals[vertex]);
-            kept.colors.push(mesh.colors[vertex]);
-        }
-    }
-    let triangles = mesh.triangles.iter().map(|triangle| triangle.map(|vertex| index_of[vertex as usize]));
-    kept.triangles = triangles.filter(|triangle| triangle[0] != u32::MAX).collect();
-    kept
+    let omitted = sizes.iter().filter(|size| (1..=count_min).contains(*size)).count();
+    (mesh.with_vertices(|vertex| sizes[roots[vertex]] > count_min), omitted)
 }
 
 /// First vertex of the component of a vertex, by union-find with path halving.

@@ -1,7 +1,13 @@
 //! Near fields ([`specula_core::near_field`]) from meshes: the attributes of the surface at each
 //! vertex are means over the views that see it.
 
-use crate::{Mesh, ambient::Ambient, hierarchy::Hierarchy, sky::Sky, view::View};
+use crate::{
+    Mesh,
+    ambient::Ambient,
+    hierarchy::Hierarchy,
+    means::{WeightedSum, gather},
+    sky::Sky,
+};
 use glam::Vec3;
 use rayon::prelude::*;
 use specula_core::{
@@ -42,27 +48,6 @@ pub struct SurfaceMeans {
     albedos: Vec<WeightedSum<3>>,
 }
 
-/// Sum of weighted numbers.
-#[derive(Clone, Copy, Debug)]
-struct WeightedSum<const N: usize> {
-    sums: [f32; N],
-    weight: f32,
-}
-
-impl<const N: usize> WeightedSum<N> {
-    const NONE: Self = Self { sums: [0.0; N], weight: 0.0 };
-
-    fn add(&mut self, numbers: [f32; N], weight: f32) {
-        self.sums.iter_mut().zip(numbers).for_each(|(sum, x)| *sum += weight * x);
-        self.weight += weight;
-    }
-
-    /// Mean; `None` if nothing was added.
-    fn mean(&self) -> Option<[f32; N]> {
-        (self.weight > 0.0).then(|| self.sums.map(|sum| sum / self.weight))
-    }
-}
-
 impl SurfaceMeans {
     /// Mesh without views.
     pub fn new(mesh: Mesh, voxel_size: f32) -> Self {
@@ -78,8 +63,9 @@ impl SurfaceMeans {
     ///
     /// For images with other channels.
     pub fn add(&mut self, camera: &Camera, image: &Image<Vec<f32>>) {
+        assert_eq!(image.channels, Channels::Layers.count() + 1, "attributes are layers");
         let Self { mesh, voxel_size, attributes: sums, .. } = self;
-        gather(mesh, *voxel_size, sums, camera, image, attributes);
+        gather(mesh.points(), visible(*voxel_size), sums, camera, image, attributes);
     }
 
     /// Adds a view with all layers of its physical materials in the same way.
@@ -88,8 +74,9 @@ impl SurfaceMeans {
     ///
     /// For images with other channels.
     pub fn add_materials(&mut self, camera: &Camera, image: &Image<Vec<f32>>) {
+        assert_eq!(image.channels, Channels::Layers.count() + 1, "materials are layers");
         let Self { mesh, voxel_size, albedos, .. } = self;
-        gather(mesh, *voxel_size, albedos, camera, image, diffuse_albedo);
+        gather(mesh.points(), visible(*voxel_size), albedos, camera, image, diffuse_albedo);
     }
 
     /// Near field of the mesh; `None` without triangles, or with more than can be traced. Unseen
@@ -113,6 +100,11 @@ impl SurfaceMeans {
         numbers[VERTEX_ALBEDO..].copy_from_slice(&self.albedos[vertex].mean().unwrap_or_default());
         numbers
     }
+}
+
+/// Distances behind the depths of views between which these see a vertex.
+fn visible(voxel_size: f32) -> [f32; 2] {
+    [-VISIBLE_VOXELS, VISIBLE_VOXELS].map(|voxels| voxels * voxel_size)
 }
 
 /// Near field of triangles and vertices, in a hierarchy; `None` without triangles, or with more
@@ -203,32 +195,6 @@ pub fn reflects_itself(near_field: &NearField<Vec<f32>>, eyes: &[Vec3]) -> bool 
     let shares: Vec<[f64; 2]> = shares.collect();
     let [all, met] = shares.iter().fold([0.0; 2], |[all, met], share| [all + share[0], met + share[1]]);
     met > SHARE_MIN * all
-}
-
-/// Adds numbers of a view's pixels to the vertices visible there; `numbers` returns those of a
-/// pixel with its coverage.
-fn gather<const N: usize>(
-    mesh: &Mesh,
-    voxel_size: f32,
-    sums: &mut [WeightedSum<N>],
-    camera: &Camera,
-    image: &Image<Vec<f32>>,
-    numbers: impl Fn(&Image<Vec<f32>>, usize, f32) -> [f32; N] + Sync,
-) {
-    assert_eq!(image.channels, Channels::Layers.count() + 1, "attributes are layers");
-    let view = View::new(camera, image);
-    let tolerance = VISIBLE_VOXELS * voxel_size;
-    let vertices = mesh.positions.par_iter().zip(&mesh.normals);
-    sums.par_iter_mut().zip(vertices).for_each(|(sum, (position, normal))| {
-        let position = Vec3::from(*position);
-        let Some((depth, pixel)) = view.pixel(position) else { return };
-        let is_visible = (view.depths[pixel] - depth).abs() < tolerance;
-        let cosine = Vec3::from(*normal).dot((camera.position - position).normalize_or_zero());
-        let weight = cosine.max(0.0) * view.coverage[pixel];
-        if is_visible && weight > 0.0 {
-            sum.add(numbers(image, pixel, view.coverage[pixel]), weight);
-        }
-    });
 }
 
 /// Diffuse albedo of a covered pixel of physical materials.

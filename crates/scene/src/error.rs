@@ -4,6 +4,7 @@ use specula_core::{camera::Scissor, executor::Unsupported};
 use specula_cpu::CpuError;
 #[cfg(feature = "gpu")]
 use specula_gpu::GpuError;
+use specula_mesh::atlas::TextureTooSmall;
 use specula_train::{exchange::ExchangeError, pictures::PictureError, trainer::TrainError};
 use std::path::PathBuf;
 
@@ -93,6 +94,9 @@ pub enum SceneError {
     /// The backend of a renderer does not support a feature.
     #[error(transparent)]
     Unsupported(Unsupported),
+    /// A texture is too small for its mesh.
+    #[error(transparent)]
+    Texture(#[from] TextureTooSmall),
     /// The backend of a renderer keeps its Gaussians and its light.
     #[error("the Gaussians and the light of this renderer cannot be replaced")]
     Immutable,

@@ -120,6 +120,8 @@ pub enum ExportFormat {
     PrefilteredLight,
     /// Mesh of triangles.
     Mesh,
+    /// Mesh of triangles with textures.
+    TexturedMesh,
     /// Page for a browser, with its renderer, in one file.
     Page,
     /// Page for a browser as files in a folder.
@@ -127,10 +129,12 @@ pub enum ExportFormat {
 }
 
 impl ExportFormat {
-    /// Format of an extension in lower case, without a dot; `.ply` holds a mesh if `is_mesh`.
+    /// Format of an extension in lower case, without a dot; `.ply` and `.glb` hold meshes if
+    /// `is_mesh`.
     pub fn from_extension(extension: &str, is_mesh: bool) -> Option<Self> {
         match (extension, is_mesh) {
             ("obj", _) | ("ply", true) => Some(Self::Mesh),
+            ("glb", true) => Some(Self::TexturedMesh),
             ("hdr" | "exr", _) => Some(Self::LatLong),
             ("ktx2", _) => Some(Self::PrefilteredLight),
             ("html", _) => Some(Self::Page),

@@ -109,7 +109,7 @@ impl Upright {
     }
 
     /// Transform of a glTF node, for numbers that stay in the scene's world.
-    pub(crate) fn node_transform(&self) -> Placement {
+    pub fn node_transform(&self) -> Placement {
         let Similarity { rotation, scale, centre, .. } = self.similarity;
         Placement {
             rotation: DQuat::from_mat3(&rotation).to_array(),

@@ -1,0 +1,102 @@
+//! Triangle meshes with textures as binary glTF 2.0.
+
+use super::{File, Placement, write_document};
+use crate::{
+    error::Result,
+    picture::{RgbImage, to_png},
+};
+use serde_json::{Map, Value, json};
+use std::path::Path;
+
+/// Extension of materials whose base colour contains the light.
+const UNLIT: &str = "KHR_materials_unlit";
+const UNSIGNED_INT: u32 = 5125;
+const TRIANGLES: u32 = 4;
+/// Targets of buffer views: attributes of vertices, indices.
+const ARRAY_BUFFER: u32 = 34962;
+const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+/// Filters and wrapping of a sampler: linear, with levels; clamped.
+const LINEAR: u32 = 9729;
+const LINEAR_MIPMAP_LINEAR: u32 = 9987;
+const CLAMP_TO_EDGE: u32 = 33071;
+
+/// Triangles with textures, rows of which start at v = 0.
+#[derive(Clone, Debug)]
+pub struct TexturedMesh {
+    /// Positions in world space.
+    pub positions: Vec<[f32; 3]>,
+    /// Outward unit normals.
+    pub normals: Vec<[f32; 3]>,
+    /// Unit tangents along u, and the sign w of the bitangents w n × t, along −v.
+    pub tangents: Vec<[f32; 4]>,
+    /// Texture coordinates, in \[0, 1\], from the upper left corner.
+    pub uvs: Vec<[f32; 2]>,
+    /// Vertices of each triangle, counterclockwise seen from outside.
+    pub triangles: Vec<[u32; 3]>,
+    /// Base colour, sRGB-encoded.
+    pub base_color: RgbImage,
+    /// Roughness (green) and metalness (blue); without it the base colour contains the light.
+    pub surface: Option<RgbImage>,
+    /// Normals in the space of tangents, bitangents and normals, −1 to 1 as 0 to 255.
+    pub normal_map: Option<RgbImage>,
+}
+
+/// Writes a mesh with an optional transform of its node, which names the origin of positions if
+/// that is not zero.
+///
+/// # Errors
+///
+/// [`Error::TooLong`](crate::Error::TooLong) beyond 4 GiB, [`Error::Write`](crate::Error::Write) if
+/// the file cannot be written.
+pub fn write(path: &Path, mesh: &TexturedMesh, placement: Option<Placement>, origin: [f64; 3]) -> Result<()> {
+    let mut file = File::default();
+    let mut attributes = Map::new();
+    let mut add = |name: &str, width: usize, values: &[f32]| {
+        attributes.insert(name.into(), file.add(width, values, name == "POSITION").into());
+    };
+    add("POSITION", 3, mesh.positions.as_flattened());
+    add("NORMAL", 3, mesh.normals.as_flattened());
+    add("TEXCOORD_0", 2, mesh.uvs.as_flattened());
+    if mesh.normal_map.is_some() {
+        add("TANGENT", 4, mesh.tangents.as_flattened());
+    }
+    file.views.iter_mut().for_each(|view| view["target"] = ARRAY_BUFFER.into());
+    let indices = file.add_view(bytemuck::cast_slice(mesh.triangles.as_flattened()));
+    file.views[indices]["target"] = ELEMENT_ARRAY_BUFFER.into();
+    let count = 3 * mesh.triangles.len();
+    file.accessors
+        .push(json!({"bufferView": indices, "componentType": UNSIGNED_INT, "type": "SCALAR", "count": count}));
+    let indices = file.accessors.len() - 1;
+
+    let mut images = Vec::new();
+    let mut texture = |image: &RgbImage, name: &str| {
+        let view = file.add_view(&to_png(image));
+        images.push(json!({"bufferView": view, "mimeType": "image/png", "name": name}));
+        json!({"index": images.len() - 1})
+    };
+    let mut material = json!({"name": "surface", "pbrMetallicRoughness": {
+        "baseColorTexture": texture(&mesh.base_color, "base color"), "metallicFactor": 0, "roughnessFactor": 1,
+    }});
+    let mut used = Vec::new();
+    match &mesh.surface {
+        Some(surface) => {
+            let physical = &mut material["pbrMetallicRoughness"];
+            physical["metallicRoughnessTexture"] = texture(surface, "roughness and metalness");
+            physical["metallicFactor"] = 1.into();
+        }
+        None => {
+            material["extensions"] = json!({UNLIT: {}});
+            used.push(UNLIT);
+        }
+    }
+    if let Some(normals) = &mesh.normal_map {
+        material["normalTexture"] = texture(normals, "normals");
+    }
+    let textures: Vec<Value> = (0..images.len()).map(|image| json!({"source": image, "sampler": 0})).collect();
+    let sampler = json!({
+        "magFilter": LINEAR, "minFilter": LINEAR_MIPMAP_LINEAR, "wrapS": CLAMP_TO_EDGE, "wrapT": CLAMP_TO_EDGE,
+    });
+    let primitive = json!({"attributes": attributes, "indices": indices, "mode": TRIANGLES, "material": 0});
+    let rest = json!({"materials": [material], "textures": textures, "images": images, "samplers": [sampler]});
+    write_document(path, file, &primitive, (&used, rest), placement, origin)
+}
