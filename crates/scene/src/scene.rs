@@ -277,7 +277,7 @@ mod tests {
         assert_eq!((floor.gaussians.count, floor.gaussians.get::<3>(0, ambient)), (1, [1.0; 3]));
         let surface = floor.near_field().expect("the floor is left");
         assert_eq!((surface.triangle_count, surface.vertex_count, surface.check()), (2, 4, Ok(())));
-        assert!(surface.first_hit([0.1, 0.2, 0.5].into(), [0.0, 0.0, -1.0].into()).is_some());
+        assert!(surface.first_hit(glam::Vec3::new(0.1, 0.2, 0.5).into(), glam::Vec3::NEG_Z.into()).is_some());
 
         let both = scene.cropped(&Ball { center: [0.0; 3], radius: 8.0 });
         assert_eq!(both.near_field().map(|surface| surface.triangle_count), Some(4));
