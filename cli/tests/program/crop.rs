@@ -1,10 +1,13 @@
 //! Scenes cropped to their object: a ball below a ceiling.
 
 use crate::{export::Ball, tiny::specula};
-use core::f32::consts::PI;
+use core::f32::consts::{PI, TAU};
 use glam::{Quat, Vec3};
-use specula_core::scene::{Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT, len_of_values};
-use specula_io::gaussian_ply;
+use specula_core::{
+    camera::Camera,
+    scene::{Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT, len_of_values},
+};
+use specula_io::{cameras, gaussian_ply};
 use std::{fs, path::Path};
 
 /// Gaussians along an edge of the ceiling, their distance, and the height of the ceiling above the
@@ -12,6 +15,9 @@ use std::{fs, path::Path};
 const EDGE: usize = 20;
 const STEP: f32 = 0.5;
 const HEIGHT: f32 = 6.0;
+/// Cameras, and their distance from the centre.
+const CAMERAS: usize = 24;
+const DISTANCE: f32 = 4.0;
 
 /// Ball below a ceiling, and the number of Gaussians of the ball.
 fn below_a_ceiling() -> (Ball, usize) {
@@ -32,6 +38,14 @@ fn below_a_ceiling() -> (Ball, usize) {
         ball.gaussians.set(index, OPACITY, [6.0]);
     }
     ball.save(&light);
+    // Wide views from below the ball and from its height see the ceiling.
+    let camera = |k: usize| {
+        let (turn, height) = (7.0 * TAU * k as f32 / CAMERAS as f32, [-3.0, -1.0, 1.0][k % 3]);
+        let eye = DISTANCE * Vec3::new(turn.cos(), turn.sin(), 0.4 * height).normalize();
+        (format!("{k}"), Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 1.4, 96, 96))
+    };
+    let cameras: Vec<_> = (0..CAMERAS).map(camera).collect();
+    cameras::write(&ball.model().join("cameras.json"), &cameras, [0.0; 3]).unwrap();
     (ball, alone.count)
 }
 

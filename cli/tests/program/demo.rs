@@ -3,6 +3,9 @@
 use crate::tiny::specula;
 use std::{fs, path::Path};
 
+/// Steps of each training: the fewest that build a surface, which stands on ground.
+const ITERATIONS: &str = "2";
+
 /// Pixels in the lowest tenth of the first frame of an animation that are darker than white: the
 /// shadow on the ground below the balls.
 fn shadowed_pixels(path: &Path) -> usize {
@@ -16,7 +19,8 @@ fn a_demo_ends_with_a_page_a_scene_for_browsers_and_a_model_to_relight() {
     let root = tempfile::tempdir().unwrap();
     let out = root.path().join("demo");
     let mut demo = specula();
-    let output = demo.args(["demo", "--iterations", "20", "-o"]).arg(&out).assert().success().get_output().clone();
+    let output =
+        demo.args(["demo", "--iterations", ITERATIONS, "-o"]).arg(&out).assert().success().get_output().clone();
     let said = String::from_utf8(output.stdout).unwrap();
     assert!(said.contains("3dgs") && said.contains("specula") && said.contains("index.html"), "{said}");
 
