@@ -31,7 +31,8 @@ pub fn picture_name(index: usize) -> String {
 }
 
 /// Parts of a name, one for each difference from the model's default pictures: storage, projection,
-/// order, a selected light, low-pass, background, and the profile that the attributes were read with.
+/// order, a selected light, low-pass, background, and the profile that the attributes were read
+/// with.
 pub fn differences(
     opened: &OpenedModel,
     options: &RenderOptions,
