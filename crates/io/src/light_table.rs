@@ -1,10 +1,11 @@
 //! Table of lights: under which light each picture was taken, and how far the object was turned.
 //!
-//! A line of two words has a picture and the name of its light. A line of three words has a picture,
-//! the name of a group, and the degrees by which the object was turned about the up direction in that
-//! group, counterclockwise from above; all such groups share one light. With a fourth word, the name
-//! of a light, only groups that name it do. A picture is named by the end of its path, with or without
-//! the extension. Words are separated by spaces or commas; what follows a `#` is a comment.
+//! A line of two words has a picture and the name of its light. A line of three words has a
+//! picture, the name of a group, and the degrees by which the object was turned about the up
+//! direction in that group, counterclockwise from above; all such groups share one light. With a
+//! fourth word, the name of a light, only groups that name it do. A picture is named by the end of
+//! its path, with or without the extension. Words are separated by spaces or commas; what follows
+//! a `#` is a comment.
 //!
 //! ```text
 //! # picture  group   degrees            # picture  light

@@ -4,7 +4,7 @@
 //! <model>/point_cloud/iteration_N/point_cloud.ply   Gaussians, written last
 //!         light/iteration_N/environment.exr         lossless light: six faces in a column
 //!         light/iteration_N/environment_2.exr, …    lights of other groups of pictures
-//!         light/iteration_N/network.safetensors     light that is a network; network_2.safetensors, …
+//!         light/iteration_N/network.safetensors     light that is a network; network_2, …
 //!         light/iteration_N/near_field.safetensors  surface that reflected rays may meet
 //!         brdf_mlp/iteration_N/brdf_mlp.hdr         light for GaussianShader: lat-long, y up
 //!         cameras.json                              test views, then training views

@@ -204,8 +204,8 @@ impl Contents {
         self.add("light", text, facts);
     }
 
-    /// Adds the names of the lights of groups of pictures, if there are several, with the numbers of
-    /// their pictures.
+    /// Adds the names of the lights of groups of pictures, if there are several, with the number
+    /// of pictures of each.
     fn add_light_names(&mut self, opened: &OpenedModel) -> Result<()> {
         let names = opened.info.as_ref().map(ModelInfo::light_names).unwrap_or_default();
         if names.is_empty() {

@@ -31,8 +31,8 @@ pub fn picture_name(index: usize) -> String {
 }
 
 /// Parts of a name, one for each difference from the model's default pictures: storage, projection,
-/// order, a selected light, low-pass, background, the profile that the attributes were read with, and
-/// the region that the scene was cropped to.
+/// order, a selected light, low-pass, background, the profile that the attributes were read with,
+/// and the region that the scene was cropped to.
 pub fn differences(
     opened: &OpenedModel,
     options: &RenderOptions,

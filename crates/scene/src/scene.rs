@@ -75,8 +75,8 @@ impl Scene {
         self.other_lights.iter().filter(|_| is_lit).map(|light| fitting(light, rules.scheme)).collect()
     }
 
-    /// Keeps one of its lights, by the number of [`Camera::light`]; the first for one that it does not
-    /// have.
+    /// Keeps one of its lights, by the number of [`Camera::light`]; the first for one that it does
+    /// not have.
     ///
     /// [`Camera::light`]: specula_core::camera::Camera::light
     pub(crate) fn select_light(&mut self, number: usize) {

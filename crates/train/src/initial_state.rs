@@ -34,8 +34,8 @@ pub(crate) fn initial_state(
     TrainingState { scene, other_lights, near_field, exposures, order, iteration: 0, psnr: None, nonfinite: 0 }
 }
 
-/// Compares a state with the settings and the numbers of views and lights; the error names the first
-/// mismatch.
+/// Compares a state with the settings and the numbers of views and lights; the error names the
+/// first mismatch.
 pub(crate) fn check_state(
     state: &TrainingState<Vec<f32>>,
     settings: &Settings,

@@ -608,8 +608,8 @@ impl Profile {
     }
 
     /// Profile for pictures under several lights, which have only their materials in common: they
-    /// are fitted in every iteration, alone after view-dependent colours have found the surface, and
-    /// there are no residual harmonics. Unchanged without materials.
+    /// are fitted in every iteration, alone after view-dependent colours have found the surface,
+    /// and there are no residual harmonics. Unchanged without materials.
     pub fn under_several_lights(mut self) -> Self {
         if let Some(physical) = &mut self.physical {
             (physical.every, physical.alone_from) = (1, ALONE_FROM);

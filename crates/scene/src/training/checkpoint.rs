@@ -277,7 +277,8 @@ mod tests {
             (&settings("3dgs"), &views()[..], &learned, "attributes"),
             (&other_light, &views(), &learned, "light"),
             (&plain, &views(), &learned, "exposures"),
-            (&specula, &views()[..1], &learned, "exposures"),
+            (&specula, &views()[..4], &learned, "exposures"),
+            (&specula, &views()[..1], &learned, "groups"),
             (&specula, &views(), &short, "moments"),
         ] {
             let sentence = go_on(settings, views, snapshot).expect_err("it is another training");
