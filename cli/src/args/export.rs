@@ -40,7 +40,7 @@ Examples:
   specula export out/chair -o light.exr light.ktx2
   specula export out/garden -o garden.splat --upright           # photographs, upright
   specula export out/chair -o chair.obj --voxels 384
-  specula export out/spheres -o spheres.glb --mesh            # for engines
+  specula export out/spheres -o spheres.glb --mesh              # for engines
   specula export out/chair -o chair.html --page-env sunset.hdr studio.exr
   specula export out/chair -o site/                             # for a web server")]
 pub(crate) struct Export {
