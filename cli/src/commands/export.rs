@@ -58,7 +58,9 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     let has_textures = formats.contains(&ExportFormat::TexturedMesh);
     let has_mesh = has_textures || formats.contains(&ExportFormat::Mesh);
     if args.mesh && !has_mesh {
-        return Err(Failure::Input("--mesh writes .ply and .glb files as meshes; name one with -o, or a .obj".to_owned()));
+        return Err(Failure::Input(
+            "--mesh writes .ply and .glb files as meshes; name one with -o, or a .obj".to_owned(),
+        ));
     }
     if args.triangles.is_some() && !has_mesh {
         return Err(Failure::Input("--triangles applies to meshes; write one with --mesh -o FILE.glb".to_owned()));
