@@ -15,11 +15,11 @@ use std::path::PathBuf;
 /// compressed; .glb, glTF with KHR_gaussian_splatting and an extension with the shading attributes;
 /// .usda and .usdz, OpenUSD with materials as primvars and the light as a dome.
 /// Light: .hdr or .exr, lat-long; .ktx2, prefiltered as by specula prefilter, and described in a
-/// .json of the same name. Mesh: .obj, or .ply with --mesh, fused from rendered depth maps; .glb with
-/// --mesh, a smoother mesh of fewer triangles with textures of a model's physical materials and
-/// normals, for engines and path tracers. Page: .html, one file with the scene and a renderer that
-/// any browser with WebGPU runs, where it can be relit; or a folder for a web server, whose name
-/// ends in a slash.
+/// .json of the same name. Mesh: .obj, or .ply with --mesh, fused from rendered depth maps; .glb
+/// with --mesh, a smoother mesh of fewer triangles with textures of a model's physical materials
+/// and normals, for engines and path tracers. Page: .html, one file with the scene and a renderer
+/// that any browser with WebGPU runs, where it can be relit; or a folder for a web server, whose
+/// name ends in a slash.
 ///
 /// Other programs do not implement the shading function. With --bake sh, the default, the colours
 /// of shaded Gaussians are baked into spherical harmonics, fitted to the directions from which the
@@ -40,7 +40,7 @@ Examples:
   specula export out/chair -o light.exr light.ktx2
   specula export out/garden -o garden.splat --upright           # photographs, upright
   specula export out/chair -o chair.obj --voxels 384
-  specula export out/spheres -o spheres.glb --mesh            # for engines
+  specula export out/spheres -o spheres.glb --mesh              # for engines
   specula export out/chair -o chair.html --page-env sunset.hdr studio.exr
   specula export out/chair -o site/                             # for a web server")]
 pub(crate) struct Export {

@@ -107,8 +107,8 @@ pub fn write(
     write_document(path, file, &primitive, (&used, json!({})), placement, origin)
 }
 
-/// Writes a primitive in a node: with the extensions that it uses, other properties of the document,
-/// an optional transform, and the origin of positions if that is not zero.
+/// Writes a primitive in a node: with the extensions that it uses, other properties of the
+/// document, an optional transform, and the origin of positions if that is not zero.
 fn write_document(
     path: &Path,
     file: File,

@@ -18,8 +18,8 @@ pub struct Atlas {
     /// Unit tangent of each vertex along u, perpendicular to the normal, and the sign w of the
     /// bitangent w n × t, along −v.
     pub tangents: Vec<[f32; 4]>,
-    /// Coordinates of each vertex, in \[0, 1\], from the upper left corner of the texture. Triangles
-    /// are counterclockwise where v points down.
+    /// Coordinates of each vertex, in \[0, 1\], from the upper left corner of the texture.
+    /// Triangles are counterclockwise in a picture of it.
     pub uvs: Vec<[f32; 2]>,
     /// Rows and columns of the texture.
     pub size: u32,

@@ -197,8 +197,8 @@ impl Simplifier {
         self.count < count_before
     }
 
-    /// True if the vertices of an edge have no common neighbours but those of its triangles, so that
-    /// no sheets are joined, and if more than these triangles are around them.
+    /// True if the vertices of an edge have no common neighbours but those of its triangles, so
+    /// that no sheets are joined, and if more than these triangles are around them.
     fn is_simple(&self, edge: [u32; 2]) -> bool {
         let [of_a, of_b] = edge.map(|vertex| self.neighbours(vertex));
         let common = of_a.iter().filter(|vertex| of_b.binary_search(vertex).is_ok()).count();
@@ -206,8 +206,8 @@ impl Simplifier {
         common == shared && shared <= 2 && of_a.len().max(of_b.len()) > 3
     }
 
-    /// True if no other triangle around an edge turns too far, or loses its area, when the edge moves
-    /// to a position.
+    /// True if no other triangle around an edge turns too far, or loses its area, when the edge
+    /// moves to a position.
     fn keeps_sides(&self, edge: [u32; 2], to: DVec3) -> bool {
         let [a, b] = edge;
         edge.iter().all(|moved| {
