@@ -21,7 +21,8 @@ const NEAR: f32 = 0.1;
 /// Distance of the engine's wall, which stands in the middle of the ring.
 const WALL: f32 = 3.5;
 
-/// Memory of an engine, with what it has drawn before: a sky, and a wall in the left half of the picture.
+/// Memory of an engine, with what it has drawn before: a sky, and a wall in the left half of the
+/// picture.
 struct Engine {
     pixels: Vec<u8>,
     depth_buffer: Vec<f32>,

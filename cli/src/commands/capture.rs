@@ -51,6 +51,10 @@ pub(crate) fn capture(inputs: &[PathBuf], folder: &Path, options: &CaptureOption
     let _lock = output::lock(folder)?;
     interrupt::watch()?;
     let CaptureOptions { frames, masks, mask_with, lens, best, colmap } = options.clone();
+    let unused = inputs.iter().map(|input| input.join("masks")).find(|folder| folder.is_dir());
+    if let (Some(unused), None, None) = (unused, &masks, &mask_with) {
+        tracing::warn!("{unused:?} is not used; name it with --masks to cut out the object");
+    }
     let options = Options {
         inputs: inputs.to_vec(),
         output: folder.to_owned(),

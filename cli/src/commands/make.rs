@@ -3,7 +3,7 @@
 
 use crate::{args::Make, commands::capture, dataset, failure::Failure, interrupt, output, progress, run_words};
 use serde_json::Value;
-use specula_capture::command_text;
+use specula_capture::{Outcome, command_text};
 use specula_io::{checkpoint, dataset::LoadOptions, model_folder};
 use specula_report::made::{Made, Turntable};
 use specula_scene::{dataset::Dataset, text::shown};
@@ -22,6 +22,14 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     let folder = |name: &str| args.output.join(name);
     let (data, model) = (folder("data"), folder("model"));
     let outcome = capture::capture(&args.inputs, &data, &args.capture)?;
+    if 2 * outcome.registered < outcome.pictures {
+        let Outcome { registered, pictures } = outcome;
+        return Err(Failure::Input(format!(
+            "only {registered} of {pictures} pictures have cameras, too few for a scene; take pictures that overlap by two \
+             thirds, or train on these: {}",
+            command_text(["specula", "train", &text(&data)])
+        )));
+    }
     let loaded = progress::silently(|| dataset::load(&data, &LoadOptions::default()))?;
     let findings: Vec<String> = capture::findings(&data, &loaded)?.iter().map(capture::sentence).collect();
     findings.iter().for_each(|finding| tracing::warn!("{finding}"));
@@ -62,7 +70,9 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     }
     let scene = folder("scene.html");
     if !scene.is_file() {
-        commands.run(&["export", &text(&model), "--no-error", "-o", &text(&scene)])?;
+        let lights = [&["--page-env"], &LIGHTS[..]].concat();
+        let words = ["export", &text(&model), "--no-error", "-o", &text(&scene)];
+        commands.run(&[&words[..], &lights].concat())?;
     }
 
     let mut facts = vec![["cameras".to_owned(), format!("{} of {} pictures", outcome.registered, outcome.pictures)]];

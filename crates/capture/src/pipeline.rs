@@ -120,7 +120,8 @@ impl Run<'_> {
         let is_best = self.options.is_best;
         self.attempt(1, inputs, if is_best { &best } else { &first })?;
         if !self.is_good(1) {
-            tracing::warn!("{}; trying again with more features and pairs", self.summary(1));
+            let masks = if self.record.masks.is_some() { ", outside of masks as well" } else { "" };
+            tracing::warn!("{}; trying again with more features and pairs{masks}", self.summary(1));
             self.attempt(2, inputs, &best)?;
         }
         let attempts = self.record.attempts.iter().enumerate();
@@ -156,7 +157,8 @@ impl Run<'_> {
             return Ok(());
         }
         let names = self.pictures(number, inputs)?;
-        let masks = self.masks(&names)?;
+        // Masks of an object may hide the texture of its surroundings, which tells cameras.
+        let masks = self.masks(&names)?.filter(|_| number == 1);
         let mut attempt =
             Attempt { pictures: names.len(), size: quality.size, features: quality.features, ..Attempt::default() };
         let database = self.work.join(format!("database-{number}.db"));

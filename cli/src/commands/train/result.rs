@@ -141,13 +141,14 @@ pub(super) fn finish(
         save_certificate(args, &mut info, certified.certificate().to_owned())?;
     }
 
+    let is_object = views.data.holds_objects();
     let facts = format!("{} Gaussians, {iteration} iterations, {seconds:.0} s{}", group_digits(count), peak_memory());
     if !args.eval {
         output::say(&facts)?;
-        tracing::info!("{}", next_commands(args, &scene, iteration));
+        tracing::info!("{}", next_commands(args, &scene, is_object));
         return Ok(());
     }
-    let next = next_commands(args, &scene, iteration);
+    let next = next_commands(args, &scene, is_object);
     let options = RenderOptions::full_precision(training.choice().clone());
     let materials = materials_of(&scene, &options, views.data)?;
     let light = measured_light(args, &scene, &info, views);
@@ -188,14 +189,15 @@ fn measured_light(args: &Train, scene: &Scene, info: &ModelInfo, views: &Views<'
 }
 
 /// Note with commands for a trained model.
-fn next_commands(args: &Train, scene: &Scene, iteration: u32) -> String {
+fn next_commands(args: &Train, scene: &Scene, is_object: bool) -> String {
     let model = shell_word(&args.model_path.to_string_lossy());
-    let light = shell_word(&model_folder::hdr_at(&args.model_path, iteration).to_string_lossy());
-    let relight = match (scene.gaussians.layout.is_physical, scene.light.is_some()) {
-        (true, _) => format!(", specula relight {model} --env {light} --sun 30,45 --ground"),
-        (false, true) => format!(", specula relight {model} --env sunset"),
-        (false, false) => String::new(),
+    let options = match (scene.gaussians.layout.is_physical, scene.light.is_some()) {
+        (true, _) if is_object => " --sun 30,45 --ground",
+        (true, _) => " --crop auto",
+        (false, true) => "",
+        (false, false) => return format!("next: specula view {model}, specula render {model} --turntable 36"),
     };
+    let relight = format!(", specula relight {model} --env sunset{options}");
     format!("next: specula view {model}, specula render {model} --turntable 36{relight}")
 }
 
