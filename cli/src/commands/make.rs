@@ -45,6 +45,8 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     commands.train(&data, &model, iterations, &training_options(args, &loaded))?;
     commands.run(&["eval", &text(&model)])?;
     let size = size_of(&loaded);
+    // Surroundings that no mask cuts out would reflect the object as a mirror.
+    let crop: &[&str] = if capture::material_options(&loaded).is_empty() { &[] } else { &["--crop", "auto"] };
     let has_ffmpeg = specula_capture::has_ffmpeg();
     let mut turntables = Vec::new();
     for light in LIGHTS {
@@ -52,18 +54,8 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
         let file = if has_ffmpeg { place.clone() } else { place.join("turntable.png") };
         if !file.is_file() {
             let (model, place) = (text(&model), text(&place));
-            commands.run(&[
-                "relight",
-                &model,
-                "--env",
-                light,
-                "--turntable",
-                TURNTABLE,
-                "--size",
-                &size,
-                "-o",
-                &place,
-            ])?;
+            let turntable = ["--turntable", TURNTABLE, "--size", &size, "-o", &place];
+            commands.run(&[&["relight", &model, "--env", light], crop, &turntable[..]].concat())?;
         }
         let bytes = fs::read(&file).map_err(|cause| specula_io::Error::Read { path: file.clone(), cause })?;
         turntables.push(Turntable { caption: format!("under {light}"), bytes, is_video: has_ffmpeg });

@@ -62,7 +62,7 @@ impl Textured {
         let material = primitive.material();
         let picture = |texture: gltf::Texture<'_>| {
             let gltf::image::Source::View { view, mime_type } = texture.source().source() else { panic!("a file") };
-            assert_eq!(mime_type, "image/png");
+            assert_eq!(mime_type, "image/png", "the format of a texture");
             image::load_from_memory(&blob[view.offset()..][..view.length()]).unwrap().into_rgb8()
         };
         let physical = material.pbr_metallic_roughness();
