@@ -57,14 +57,7 @@ fn camera() -> Camera {
 }
 
 fn scene() -> Scene {
-    Scene {
-        gaussians: ring(),
-        light: None,
-        other_lights: Vec::new(),
-        near_field: None,
-        lamps: None,
-        shading_model: ShadingModel::PAPER,
-    }
+    Scene::unlit(ring(), ShadingModel::PAPER)
 }
 
 /// Lifts the second half of the Gaussians, and uploads only these.

@@ -32,14 +32,7 @@ fn draw_model(path: &Path, folder: &Path) -> Result<(), Box<dyn Error>> {
 
 /// Writes a picture of a ring of plain Gaussians.
 fn draw_ring(folder: &Path) -> Result<(), Box<dyn Error>> {
-    let scene = Scene {
-        gaussians: ring(),
-        light: None,
-        near_field: None,
-        lamps: None,
-        other_lights: Vec::new(),
-        shading_model: ShadingModel::PAPER,
-    };
+    let scene = Scene::unlit(ring(), ShadingModel::PAPER);
     let mut renderer = scene.renderer(CpuExecutor::new(), Channels::Color)?;
     picture::write(&folder.join("ring.png"), &renderer.picture(&camera_beside(), WHITE)?)?;
     Ok(())
@@ -63,14 +56,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn the_ring_is_round_and_the_rest_white() {
     let eye = glam::Vec3::new(0.0, 0.0, 3.5);
     let camera = Camera::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Y, 0.8, 64, 64);
-    let scene = Scene {
-        gaussians: ring(),
-        light: None,
-        near_field: None,
-        lamps: None,
-        other_lights: Vec::new(),
-        shading_model: ShadingModel::PAPER,
-    };
+    let scene = Scene::unlit(ring(), ShadingModel::PAPER);
     let picture = scene.renderer(CpuExecutor::new(), Channels::Color).unwrap().picture(&camera, WHITE).unwrap();
     let [middle, corner] = [[32, 32], [0, 0]].map(|[x, y]| picture.get_pixel(x, y).0);
     assert_eq!([middle, corner], [[255; 3]; 2], "nothing is there");

@@ -241,14 +241,7 @@ fn the_screen_holds_what_the_processor_renders_behind_the_floor() {
     let [floor, sky] = [FLOOR, SKY].map(|color| color.map(|x| (x * 255.0 + 0.5) as u8));
     let paint = |depth: &f32| if depth.is_finite() { floor } else { sky };
     let empty: Vec<u8> = depths.iter().map(paint).flat_map(|[r, g, b]| [r, g, b, 255]).collect();
-    let scene = Scene {
-        gaussians: ring(),
-        light: None,
-        other_lights: Vec::new(),
-        near_field: None,
-        lamps: None,
-        shading_model: ShadingModel::PAPER,
-    };
+    let scene = Scene::unlit(ring(), ShadingModel::PAPER);
     let mut renderer = scene.renderer(specula_cpu::CpuExecutor::new(), Channels::Color).unwrap();
     let mut picture = |surfaces: &[f32]| {
         let (mut pixels, request) = (empty.clone(), FrameRequest::new(&camera).behind(Surfaces::Depths(surfaces)));

@@ -95,6 +95,14 @@ fn shading_model_of(model: &Model, profile: Option<ProfileName>) -> Result<Shadi
     }
 }
 
+/// Rejects a light of the training beside an environment map, which replaces it.
+pub(crate) fn refuse_light_beside(env: Option<&Path>, number: Option<usize>) -> Result<(), Failure> {
+    match (env, number) {
+        (Some(_), Some(_)) => Err(Failure::Input("--env replaces the lights of the training; omit --light".into())),
+        _ => Ok(()),
+    }
+}
+
 /// Puts all views of a model under one light of its training, if one is requested.
 pub(crate) fn select_light(opened: &mut OpenedModel, number: Option<usize>) -> Result<(), Failure> {
     let Some(number) = number else { return Ok(()) };

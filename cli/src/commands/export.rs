@@ -89,12 +89,9 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         .map(|(path, _)| prefilter::description_beside(path))
         .try_for_each(|path| prefilter::refuse_to_replace(&path))?;
     note_oddities(&opened);
-    match (&args.env, args.light.number) {
-        (Some(_), Some(_)) => {
-            return Err(Failure::Input("--env replaces the lights of the training; omit --light".into()));
-        }
-        (Some(_), None) => {}
-        (None, number) => scene::settle_light(&mut opened, number)?,
+    scene::refuse_light_beside(args.env.as_deref(), args.light.number)?;
+    if args.env.is_none() {
+        scene::settle_light(&mut opened, args.light.number)?;
     }
     if let Some(env) = &args.env {
         let up = orientation::up(&opened.orientation(args.scene_options.scene_up.map(Into::into))?);

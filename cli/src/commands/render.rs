@@ -101,9 +101,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
 
 /// Rejects options without effect, and error bounds that cannot be kept.
 fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
-    if args.env.is_some() && args.light.number.is_some() {
-        return Err(Failure::Input("--env replaces the lights of the training; omit --light".into()));
-    }
+    scene::refuse_light_beside(args.env.as_deref(), args.light.number)?;
     refuse_options_without_light(args.env.as_deref(), (&args.env_options).into())?;
     if args.max_error.is_some() && !Layer::expanded(&args.layers).contains(&Layer::Rgb) {
         return Err(Failure::Input("--max-error applies to colours; add rgb to --layers".into()));
@@ -205,14 +203,7 @@ mod tests {
         let layout = Layout::radiance(0);
         let mut gaussians = Gaussians { count: 1, layout, values: vec![0.0; len_of_values(1, layout)] };
         gaussians.set(0, QUAT, [1.0, 0.0, 0.0, 0.0]);
-        Scene {
-            gaussians,
-            light: None,
-            near_field: None,
-            lamps: None,
-            other_lights: Vec::new(),
-            shading_model: ShadingModel::PAPER,
-        }
+        Scene::unlit(gaussians, ShadingModel::PAPER)
     }
 
     #[test]

@@ -23,13 +23,13 @@ const DISTANCE: f32 = 4.0;
 fn below_a_ceiling() -> (Ball, usize) {
     let light = |_| [0.5; 3];
     let mut ball = Ball::under(light);
-    let alone = ball.gaussians;
-    let (count, layout) = (alone.count + EDGE * EDGE, alone.layout);
+    let object = ball.gaussians;
+    let (count, layout) = (object.count + EDGE * EDGE, object.layout);
     ball.gaussians = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
     for index in 0..count {
-        let source = index.min(alone.count - 1);
-        (0..layout.plane_count()).for_each(|plane| ball.gaussians.set(index, plane, alone.get::<1>(source, plane)));
-        let Some(tile) = index.checked_sub(alone.count) else { continue };
+        let source = index.min(object.count - 1);
+        (0..layout.plane_count()).for_each(|plane| ball.gaussians.set(index, plane, object.get::<1>(source, plane)));
+        let Some(tile) = index.checked_sub(object.count) else { continue };
         let place = [tile % EDGE, tile / EDGE].map(|k| (k as f32 - 0.5 * (EDGE - 1) as f32) * STEP);
         let down = Quat::from_axis_angle(Vec3::X, PI);
         ball.gaussians.set(index, MEAN, [place[0], place[1], HEIGHT]);
@@ -46,7 +46,7 @@ fn below_a_ceiling() -> (Ball, usize) {
     };
     let cameras: Vec<_> = (0..CAMERAS).map(camera).collect();
     cameras::write(&ball.model().join("cameras.json"), &cameras, [0.0; 3]).unwrap();
-    (ball, alone.count)
+    (ball, object.count)
 }
 
 /// Sum of the levels of the colours in a folder.

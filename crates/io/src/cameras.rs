@@ -35,7 +35,7 @@ struct Entry {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     light_rotation: Option<[[f32; 3]; 3]>,
     /// Number of the light, from 0; omitted for the first.
-    #[serde(default, skip_serializing_if = "is_first")]
+    #[serde(default, skip_serializing_if = "json::is_default")]
     light: u32,
     /// Principal point, omitted at the centre, where other tools expect it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -177,12 +177,6 @@ impl Entry {
             None
         }
     }
-}
-
-/// Whether a light is the first.
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-fn is_first(light: &u32) -> bool {
-    *light == 0
 }
 
 /// Rotation with these columns; `None` for other matrices.

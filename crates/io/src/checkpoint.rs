@@ -26,7 +26,7 @@
 use crate::{
     budget::{CHECKPOINT_HEADER_MAX, SCENE},
     error::{Error, Result},
-    whole_file, within,
+    json, whole_file, within,
 };
 use core::{fmt::Display, iter};
 use safetensors::{
@@ -149,17 +149,12 @@ struct Header {
     is_antialiased: bool,
     light: Option<LightHeader>,
     /// Number of lights like that one, for other groups of pictures.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "json::is_default")]
     other_lights: usize,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     near_field: Option<NearFieldHeader>,
     /// Number of photographs with exposures.
     exposures: Option<usize>,
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-fn is_zero(number: &usize) -> bool {
-    *number == 0
 }
 
 #[derive(Clone, Copy, Serialize, Deserialize)]

@@ -15,6 +15,11 @@ pub(crate) fn read<T: DeserializeOwned>(path: &Path, budget: &Budget) -> Result<
     serde_json::from_slice(bytes).map_err(Error::json(path))
 }
 
+/// Tests for the default of a number, which need not be written.
+pub(crate) fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
 /// Writes a value to a file as indented JSON.
 pub(crate) fn write(path: &Path, value: &impl Serialize) -> Result<()> {
     let mut text = serde_json::to_vec_pretty(value).map_err(Error::json(path))?;

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use specula_core::{
     camera::{Camera, Scissor},
     color::linear_from_srgb,
+    metrics::quantize,
     occlusion::DepthRange,
     rules::{Channels, RenderRules, channel},
     scene::Image,
@@ -115,7 +116,7 @@ impl SceneRenderer {
         if let Some(depth) = &depth {
             check("the buffer of depths", depth.len(), width * height)?;
         }
-        // A part that is not requested is neither rendered nor read.
+        // An empty part needs no picture.
         if part.width == 0 || part.height == 0 {
             return Ok(());
         }
@@ -169,16 +170,18 @@ impl Target<'_> {
     /// Writes a part of a picture.
     fn write(self, image: &Image<Vec<f32>>, part: &Scissor, behind: Behind) {
         match self {
-            Self::Rgba8(pixels, stride) => write_rows(
-                image,
-                part,
-                |pixel| pixel,
-                behind,
-                pixels,
-                stride,
-                |byte| f32::from(byte) / 255.0,
-                |number| (number.clamp(0.0, 1.0) * 255.0 + 0.5) as u8,
-            ),
+            Self::Rgba8(pixels, stride) => {
+                write_rows(
+                    image,
+                    part,
+                    |pixel| pixel,
+                    behind,
+                    pixels,
+                    stride,
+                    |byte| f32::from(byte) / 255.0,
+                    quantize,
+                );
+            }
             Self::Rgba16Float(pixels, stride) => {
                 write_rows(image, part, linear, behind, pixels, stride, f16::to_f32, f16::from_f32);
             }
@@ -267,14 +270,7 @@ mod tests {
             gaussians.set(k, OPACITY, [1.0]);
             gaussians.set(k, DIFFUSE, [color, 0.5, -0.5 * color]);
         }
-        let scene = Scene {
-            gaussians,
-            light: None,
-            other_lights: Vec::new(),
-            near_field: None,
-            lamps: None,
-            shading_model: ShadingModel::PAPER,
-        };
+        let scene = Scene::unlit(gaussians, ShadingModel::PAPER);
         scene.renderer(CpuExecutor::new(), Channels::Color).unwrap()
     }
 

@@ -44,14 +44,7 @@ pub fn scene_of_glb(input: Input<'_>) -> Result<Imported, SceneError> {
         return Err(refuse("it has no Gaussians, or some that are not finite".to_owned()).into());
     }
     let orientation = Orientation { up, up_source: UpSource::File, ..orientation::of_gaussians(&gaussians) };
-    let plain = Scene {
-        gaussians,
-        light: None,
-        near_field: None,
-        lamps: None,
-        other_lights: Vec::new(),
-        shading_model: ShadingModel::DEFERRED,
-    };
+    let plain = Scene::unlit(gaussians, ShadingModel::DEFERRED);
     let scene = match shading {
         None => plain,
         Some(shading) => shaded(plain, shading).map_err(refuse)?,

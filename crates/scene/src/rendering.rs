@@ -181,14 +181,7 @@ mod tests {
         let values = vec![0.0; len_of_values(1, layout)];
         let mut gaussians = Gaussians { count: 1, layout, values };
         gaussians.set(0, QUAT, [1.0, 0.0, 0.0, 0.0]);
-        Scene {
-            gaussians,
-            light: None,
-            near_field: None,
-            lamps: None,
-            other_lights: Vec::new(),
-            shading_model: ShadingModel::PAPER,
-        }
+        Scene::unlit(gaussians, ShadingModel::PAPER)
     }
 
     #[test]

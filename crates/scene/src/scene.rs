@@ -58,6 +58,11 @@ impl Scene {
         Self { gaussians, light, other_lights, near_field: near_field.map(Surface::shared), lamps: None, shading_model }
     }
 
+    /// Gaussians without a light, a surface and lamps.
+    pub const fn unlit(gaussians: Gaussians<Vec<f32>>, shading_model: ShadingModel) -> Self {
+        Self { gaussians, light: None, other_lights: Vec::new(), near_field: None, lamps: None, shading_model }
+    }
+
     /// Surface that reflected rays may hit, as a near field.
     pub fn near_field(&self) -> Option<&NearField<Vec<f32>>> {
         self.near_field.as_ref().map(|surface| &***surface)

@@ -118,8 +118,7 @@ fn scene(solids: &[Solid]) -> Scene {
     let gaussians = gaussians(solids);
     let cameras = orbit::sphere(&gaussians, VIEWS);
     let shading_model = ShadingModel::DEFERRED;
-    let scene =
-        Scene { gaussians, light: None, near_field: None, lamps: None, other_lights: Vec::new(), shading_model };
+    let scene = Scene::unlit(gaussians, shading_model);
     let renderer = |shading| -> SceneRenderer {
         let scene = scene.clone().shaded(shading).unwrap();
         scene.renderer(CpuExecutor::new(), Channels::Layers).unwrap()

@@ -48,7 +48,7 @@ pub(crate) fn physical_rates(layout: Layout, rates: &[f32]) -> Vec<f32> {
     resting
 }
 
-/// Rates of a step that fits everything by materials alone: none for view-dependent colours.
+/// Rates of a step that fits everything only by materials: none for view-dependent colours.
 pub(crate) fn material_rates(layout: Layout, rates: &[f32]) -> Vec<f32> {
     let mut rates = rates.to_vec();
     if layout.is_physical {

@@ -224,13 +224,13 @@ pub struct PhysicalSchedule {
     pub albedo: f32,
     /// Initial metalness.
     pub metalness: f32,
-    /// Share of the training after which they alone are fitted, with the geometry; 1 for never.
-    pub alone_from: f32,
+    /// Share of the training after which only they and the geometry are fitted; 1 for never.
+    pub only_from: f32,
 }
 
 impl PhysicalSchedule {
     /// Every third iteration from a tenth on, starting from grey dielectrics.
-    pub const DEFAULT: Self = Self { from: 0.1, every: 3, weight: 1.0, albedo: 0.5, metalness: 0.1, alone_from: 1.0 };
+    pub const DEFAULT: Self = Self { from: 0.1, every: 3, weight: 1.0, albedo: 0.5, metalness: 0.1, only_from: 1.0 };
 
     /// Whether an iteration takes a step of the materials.
     pub fn is_due(&self, iteration: u32, iterations: u32) -> bool {
@@ -238,8 +238,8 @@ impl PhysicalSchedule {
     }
 
     /// Whether an iteration fits no view-dependent colours.
-    pub fn is_alone(&self, iteration: u32, iterations: u32) -> bool {
-        self.alone_from < 1.0 && iteration as f32 > self.alone_from * iterations as f32
+    pub fn is_only_materials(&self, iteration: u32, iterations: u32) -> bool {
+        self.only_from < 1.0 && iteration as f32 > self.only_from * iterations as f32
     }
 }
 
@@ -509,9 +509,9 @@ pub struct Ablation {
     pub no_axis: bool,
 }
 
-/// Share of a training under several lights after which materials are fitted alone: from the start
+/// Share of a training under several lights after which only materials are fitted: from the start
 /// they do not find the surface (docs/lab/results.md).
-const ALONE_FROM: f32 = 0.7;
+const ONLY_FROM: f32 = 0.7;
 
 /// Learning rate of a light's network: those of Ref-NeRF's networks, falling to a tenth.
 const NETWORK_RATE: [f32; 2] = [2e-3, 2e-4];
@@ -607,12 +607,12 @@ impl Profile {
         self
     }
 
-    /// Profile for pictures under several lights, which have only their materials in common: they
-    /// are fitted in every iteration, alone after view-dependent colours have found the surface,
-    /// and there are no residual harmonics. Unchanged without materials.
+    /// Profile for pictures under several lights, which have only their materials in common: these
+    /// are fitted in every iteration, and nothing else once view-dependent colours have found the
+    /// surface; there are no residual harmonics. Unchanged without materials.
     pub fn under_several_lights(mut self) -> Self {
         if let Some(physical) = &mut self.physical {
-            (physical.every, physical.alone_from) = (1, ALONE_FROM);
+            (physical.every, physical.only_from) = (1, ONLY_FROM);
             self.layout.sh_degree = None;
         }
         self
@@ -620,7 +620,7 @@ impl Profile {
 
     /// Whether view-dependent colours are not fitted to the end.
     pub fn is_of_materials(&self) -> bool {
-        self.physical.is_some_and(|physical| physical.alone_from < 1.0)
+        self.physical.is_some_and(|physical| physical.only_from < 1.0)
     }
 
     /// Expected time of an iteration in microseconds (only ratios are meaningful), for pictures of
@@ -635,7 +635,7 @@ impl Profile {
         let pixels = if is_coarse { pixels / 4 } else { pixels };
         let cost = STEP + GAUSSIAN * count + PIXEL * pixels as f64;
         let is_beside = |physical: PhysicalSchedule| {
-            physical.is_due(iteration, iterations) && !physical.is_alone(iteration, iterations)
+            physical.is_due(iteration, iterations) && !physical.is_only_materials(iteration, iterations)
         };
         let has_materials = self.physical.is_some_and(is_beside);
         if has_materials { cost * (1.0 + MATERIALS) } else { cost }
@@ -846,13 +846,14 @@ mod tests {
     }
 
     #[test]
-    fn materials_are_alone_only_under_several_lights() {
+    fn only_materials_are_fitted_at_the_end_under_several_lights() {
         let one = by_name("specula", 1000).expect("a profile").relightable();
         let several = one.clone().under_several_lights();
         assert!(!one.is_of_materials() && several.is_of_materials() && several.layout.sh_degree.is_none());
-        let is_alone = |profile: &Profile, step| profile.physical.expect("materials").is_alone(step, 1000);
-        assert_eq!([1, 700, 701, 1000].map(|step| is_alone(&several, step)), [false, false, true, true]);
-        assert!((0..=1000).all(|step| !is_alone(&one, step)));
+        let is_only_materials =
+            |profile: &Profile, step| profile.physical.expect("materials").is_only_materials(step, 1000);
+        assert_eq!([1, 700, 701, 1000].map(|step| is_only_materials(&several, step)), [false, false, true, true]);
+        assert!((0..=1000).all(|step| !is_only_materials(&one, step)));
         assert!(several.step_cost(900, 1000, 40_000, 1e4) < one.step_cost(900, 1000, 40_000, 1e4), "one step of two");
         let plain = by_name("3dgs", 1000).expect("a profile");
         assert_eq!(plain.clone().under_several_lights(), plain);

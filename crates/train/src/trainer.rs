@@ -310,7 +310,7 @@ impl<E: Executor> Trainer<E> {
     fn fit_all(&mut self, views: &[usize]) -> Result<Vec<StepReport>, TrainError<E::Error>> {
         let number = self.state.iteration;
         let rules = self.rules_at(number, Channels::Training);
-        let of_materials = RenderRules { traces_near: self.near_field.is_some(), ..physical_rules(&rules) };
+        let material_rules = RenderRules { traces_near: self.near_field.is_some(), ..physical_rules(&rules) };
         let weights = self.settings.profile.weights_at(self.done(number));
         let profile = &self.settings.profile;
         let rates = profile.rates_at(self.done(number - 1));
@@ -318,9 +318,9 @@ impl<E: Executor> Trainer<E> {
         let rates = rates_by_plane(profile.layout, &rates, self.extent, number);
         let layout = profile.layout;
         let iterations = self.settings.iterations;
-        if profile.physical.is_some_and(|physical| physical.is_alone(number, iterations)) {
+        if profile.physical.is_some_and(|physical| physical.is_only_materials(number, iterations)) {
             let rates = material_rates(layout, &rates);
-            let shared = StepSettings { rules: of_materials, weights, rates, environment_rate, is_observed: true };
+            let shared = StepSettings { rules: material_rules, weights, rates, environment_rate, is_observed: true };
             return self.fit(views, &shared);
         }
         let physical = profile.physical.filter(|physical| physical.is_due(number, iterations));
@@ -331,7 +331,7 @@ impl<E: Executor> Trainer<E> {
             let mean_light = self.mean_light()?;
             let weights = physical_weights(&self.settings.profile.weights, physical.weight, mean_light);
             let shared = StepSettings {
-                rules: of_materials,
+                rules: material_rules,
                 weights,
                 rates: physical_rates(layout, &rates),
                 environment_rate,
@@ -467,7 +467,8 @@ impl<E: Executor> Trainer<E> {
         };
         let rules = RenderRules { is_lit: false, ..self.rules_at(iteration, Channels::Training) };
         let mut gaussians = download_gaussians(&mut self.exec, &self.state.scene.gaussians)?;
-        let is_of_materials = profile.physical.is_some_and(|physical| physical.is_alone(iteration, iterations));
+        let is_of_materials =
+            profile.physical.is_some_and(|physical| physical.is_only_materials(iteration, iterations));
         let sky = if gaussians.layout.is_physical { self.mean_sky()? } else { None };
         let scene = &self.state.scene.gaussians;
         let exec = &mut self.exec;
@@ -693,7 +694,7 @@ mod tests {
     }
 
     #[test]
-    fn materials_are_fitted_alone_after_the_start() {
+    fn only_materials_are_fitted_after_the_start() {
         let mut trainer = trainer(settings()).expect("there are views");
         let layout = trainer.gaussians().layout;
         let albedo = layout.physical_planes().expect("materials") + ALBEDO;
@@ -709,7 +710,7 @@ mod tests {
         let [begun, _] = planes(&mut trainer);
         take(&mut trainer, 4);
         let [kept, fitted] = planes(&mut trainer);
-        assert!(kept == begun && fitted != albedo, "then materials alone");
+        assert!(kept == begun && fitted != albedo, "then only materials");
         assert_eq!(layout.sh_degree, None, "no residual harmonics");
     }
 

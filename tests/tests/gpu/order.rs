@@ -46,9 +46,25 @@ fn viewer() -> Option<GpuExecutor<Storage>> {
 }
 
 fn picture<E: Renderer>(exec: &mut E, cloud: &Gaussians<Vec<f32>>, camera: &Camera, channels: Channels) -> Vec<f64> {
+    picture_behind(exec, cloud, camera, channels, None)
+}
+
+/// Picture behind surfaces of another renderer, if there are any.
+fn picture_behind<E: Renderer>(
+    exec: &mut E,
+    cloud: &Gaussians<Vec<f32>>,
+    camera: &Camera,
+    channels: Channels,
+    depths: Option<&[f32]>,
+) -> Vec<f64> {
     let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, channels);
     let uploaded = exec.upload_gaussians(cloud).expect("numbers fit");
-    let frame = render(exec, &uploaded, None, camera, &rules).expect("the executor renders");
+    let depths = depths.map(|depths| exec.upload(depths).expect("numbers fit"));
+    let frame = match &depths {
+        None => render(exec, &uploaded, None, camera, &rules),
+        Some(depths) => render_occluded(exec, &uploaded, None, camera, &rules, depths),
+    };
+    let frame = frame.expect("the executor renders");
     let mut values = vec![0.0; (channels.count() + 1) * (camera.width * camera.height) as usize];
     exec.read_frame(&frame, &mut values).expect("the frame has that size");
     values.iter().map(|x| f64::from(*x)).collect()
@@ -107,17 +123,6 @@ fn both_executors_render_the_same_pictures_in_every_order() {
     }
 }
 
-/// Picture behind surfaces of another renderer.
-fn picture_behind<E: Renderer>(exec: &mut E, cloud: &Gaussians<Vec<f32>>, camera: &Camera, depths: &[f32]) -> Vec<f64> {
-    let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Color);
-    let uploaded = exec.upload_gaussians(cloud).expect("numbers fit");
-    let depths = exec.upload(depths).expect("numbers fit");
-    let frame = render_occluded(exec, &uploaded, None, camera, &rules, &depths).expect("the executor renders");
-    let mut values = vec![0.0; (Channels::Color.count() + 1) * (camera.width * camera.height) as usize];
-    exec.read_frame(&frame, &mut values).expect("the frame has that size");
-    values.iter().map(|x| f64::from(*x)).collect()
-}
-
 #[test]
 fn surfaces_hide_the_same_splats_in_every_order() {
     let Some(mut gpu) = viewer() else { return };
@@ -129,8 +134,8 @@ fn surfaces_hide_the_same_splats_in_every_order() {
     for order in ORDERS {
         gpu.set_order(order);
         let cutoffs = Cutoffs::DEFAULT.with_order(order);
-        let ours = picture_behind(&mut gpu, &cloud, &camera, &depths);
-        let theirs = picture_behind(&mut on_cpu(order), &cloud, &camera, &depths);
+        let ours = picture_behind(&mut gpu, &cloud, &camera, Channels::Color, Some(&depths));
+        let theirs = picture_behind(&mut on_cpu(order), &cloud, &camera, Channels::Color, Some(&depths));
         let lifted = lift_gaussians::<Double>(&cloud);
         let exact = oracle::render_occluded(&lifted, None, &camera, &rules, Some(&depths), &cutoffs);
         let exact: Vec<f64> = exact.values.iter().map(|x| x.0).collect();

@@ -52,14 +52,7 @@ impl ReferencePictures {
         placed: Option<&Upright>,
         progress: impl FnMut(usize),
     ) -> Result<PictureError, SceneError> {
-        let scene = Scene {
-            gaussians,
-            light: None,
-            near_field: None,
-            lamps: None,
-            other_lights: Vec::new(),
-            shading_model: ShadingModel::PAPER,
-        };
+        let scene = Scene::unlit(gaussians, ShadingModel::PAPER);
         self.compare_scene(scene, placed, progress)
     }
 
