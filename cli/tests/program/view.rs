@@ -895,13 +895,48 @@ fn suns_and_lamps_are_placed_and_dragged(browser: &Browser, tiny: &Tiny) {
     assert!((0..2).all(|k| (at[k] - to[k]).abs() < 1.5), "its handle is under the pointer: {at:?} rather than {to:?}");
     page.wait(&format!("location.hash !== '{before}'"));
 
-    page.eval(
-        "(() => {
-          const address = URL.createObjectURL;
-          URL.createObjectURL = (blob) => address((window.latest = blob));
-          HTMLAnchorElement.prototype.click = () => {};
-        })()",
-    );
+    page.eval(KEEP_DOWNLOAD);
+    page.eval("(() => { const list = document.getElementById('lights'); list.value = 'none'; list.dispatchEvent(new Event('change')); })()");
+    let in_darkness = shown(&page);
+    click("save-lights");
+    let file = tiny.path("lights.toml");
+    fs::write(&file, page.eval("window.latest.text()").as_str().unwrap()).unwrap();
+    page.wait("location.hash.includes('light=none')");
+    let again = Site::of(&model, &["--quiet", "--lights", file.to_str().unwrap()]);
+    let other = browser.open(&again.url, WIDE);
+    assert!(is_same(&shown(&other), &in_darkness), "the file says the same");
+    other.close();
+    let mut relight = specula();
+    relight.arg("relight").arg(&model).arg("--lights").arg(&file).args(["--executor", "cpu", "--quiet", "-o"]);
+    relight.arg(tiny.path("relit")).assert().success();
+
+    page.eval("(() => { const list = document.getElementById('lights'); list.value = 0; list.dispatchEvent(new Event('change')); })()");
+    page.eval("document.querySelectorAll('#lamps [aria-label^=Remove]')[0].click()");
+    page.eval("document.querySelectorAll('#lamps [aria-label^=Remove]')[0].click()");
+    assert!(is_same(&shown(&page), &first), "without them it is as before");
+    page.eval("document.querySelector('[data-shading=physical]').click()");
+    let materials = shown(&page);
+    assert!(!is_same(&materials, &first), "materials can be seen under the training's light");
+    page.wait("location.hash.includes('shading=physical') && !location.hash.includes('suns')");
+    page.eval("document.querySelector('[data-shading=view]').click()");
+    assert!(is_same(&shown(&page), &first), "and view-dependent colours again");
+    page.close();
+    ground_is_ticked(browser, &site);
+}
+
+/// Keeps files that the page saves in `window.latest`.
+const KEEP_DOWNLOAD: &str = "(() => {
+  const address = URL.createObjectURL;
+  URL.createObjectURL = (blob) => address((window.latest = blob));
+  HTMLAnchorElement.prototype.click = () => {};
+})()";
+
+/// In a small window, where the ground of a picture costs little.
+fn ground_is_ticked(browser: &Browser, site: &Site) {
+    let page = browser.open(&site.url, [WINDOW; 2]);
+    shown(&page);
+    page.eval(KEEP_DOWNLOAD);
+    let click = |id: &str| drop(page.eval(&format!("document.getElementById('{id}').click()")));
     let copied = || {
         page.eval("window.command = ''; navigator.clipboard.writeText = async (text) => { window.command = text; }");
         click("copy-command");
@@ -913,32 +948,10 @@ fn suns_and_lamps_are_placed_and_dragged(browser: &Browser, tiny: &Tiny) {
     shown(&page);
     page.wait("location.hash.includes('ground=on')");
     assert!(copied().contains(" --ground"), "{}", copied());
-    page.eval("(() => { const list = document.getElementById('lights'); list.value = 'none'; list.dispatchEvent(new Event('change')); })()");
-    let in_darkness = shown(&page);
     click("save-lights");
-    let file = tiny.path("lights.toml");
-    fs::write(&file, page.eval("window.latest.text()").as_str().unwrap()).unwrap();
-    page.wait("location.hash.includes('light=none')");
-    assert!(fs::read_to_string(&file).unwrap().contains("ground = true"), "the file has the ground");
-    let again = Site::of(&model, &["--quiet", "--lights", file.to_str().unwrap()]);
-    let other = browser.open(&again.url, WIDE);
-    assert!(is_same(&shown(&other), &in_darkness), "the file says the same");
-    other.close();
-    let mut relight = specula();
-    relight.arg("relight").arg(&model).arg("--lights").arg(&file).args(["--executor", "cpu", "--quiet", "-o"]);
-    relight.arg(tiny.path("relit")).assert().success();
-
-    click("ground");
-    page.eval("(() => { const list = document.getElementById('lights'); list.value = 0; list.dispatchEvent(new Event('change')); })()");
-    page.eval("document.querySelectorAll('#lamps [aria-label^=Remove]')[0].click()");
-    page.eval("document.querySelectorAll('#lamps [aria-label^=Remove]')[0].click()");
-    assert!(is_same(&shown(&page), &first), "without them it is as before");
-    page.eval("document.querySelector('[data-shading=physical]').click()");
-    let materials = shown(&page);
-    assert!(!is_same(&materials, &first), "materials can be seen under the training's light");
-    page.wait("location.hash.includes('shading=physical') && !location.hash.includes('suns')");
-    page.eval("document.querySelector('[data-shading=view]').click()");
-    assert!(is_same(&shown(&page), &first), "and view-dependent colours again");
+    page.wait("window.latest !== undefined");
+    let saved = page.eval("window.latest.text()").as_str().unwrap().to_owned();
+    assert!(saved.contains("ground = true"), "{saved}");
     page.close();
 }
 
