@@ -113,6 +113,7 @@ impl<E: Executor> Scene<E> {
             radiance_max: 100.0,
             number: 1,
             light_number: 1,
+            own_loss: None,
         };
         train_step(exec, &mut self.state, &step).map(drop)
     }

@@ -25,7 +25,7 @@ pub(crate) use demo::Demo;
 pub(crate) use export::{BakeName, Export};
 pub(crate) use info::{Doctor, Info, TryNetwork};
 pub(crate) use light_reference::LightReference;
-pub(crate) use lights::{EnvChoice, LampOptions, Lights};
+pub(crate) use lights::{EnvChoice, FirstLights, LampOptions, Lights};
 pub(crate) use make::Make;
 pub(crate) use measure::{Compare, Eval, Report, TableFormat};
 pub(crate) use prefilter::{MipName, Prefilter, SchemeName};

@@ -1,7 +1,7 @@
 //! Lights of `specula relight`: those of a file and of the command line, and a scene under them.
 
 use crate::{
-    args::{EnvChoice, LampOptions, Lights},
+    args::{EnvChoice, FirstLights, LampOptions, Lights},
     failure::Failure,
     output, progress,
     scene::{read_env, refuse_plain},
@@ -19,6 +19,7 @@ use specula_scene::{
     light_file::{LightOptions, MapUp},
     picture_folder::light_differences,
 };
+use specula_viewer::{LightSetup, SetupEnvironment};
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
@@ -93,6 +94,18 @@ impl NamedLights {
     /// Whether there are suns or lamps.
     pub(crate) fn has_lamps(&self) -> bool {
         !self.suns.is_empty() || !self.spheres.is_empty()
+    }
+
+    /// First light of a page: the environment map that the page has under this identifier, else
+    /// none beside lamps or a file of lights, else that of the scene.
+    pub(crate) fn setup(self, map: Option<u32>, options: &FirstLights) -> LightSetup {
+        let environment = match map {
+            Some(id) => SetupEnvironment::Added(id),
+            None if options.lamps.lights.is_some() || self.has_lamps() => SetupEnvironment::None,
+            None => SetupEnvironment::Scene,
+        };
+        let Self { turn, exposure, suns, spheres, has_ground, .. } = self;
+        LightSetup { environment, turn, exposure, suns, spheres, has_ground: has_ground || options.ground }
     }
 }
 

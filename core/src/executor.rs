@@ -11,11 +11,11 @@ use crate::{
     prefilter::{LevelRange, PrefilterScheme},
     region::Ball,
     rules::RenderRules,
-    scene::{Environment, Gaussians},
+    scene::{Environment, Gaussians, Layout},
     splat::SplatGrad,
     state::{AdamMoments, Statistics},
 };
-use core::ops::Range;
+use core::{fmt, ops::Range};
 
 /// Surface around lamps; `N` is the near field of an executor.
 #[derive(Clone, Copy, Debug)]
@@ -56,8 +56,8 @@ impl BufferLength {
     }
 }
 
-impl core::fmt::Display for BufferLength {
-    fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+impl fmt::Display for BufferLength {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { expected, found } = self;
         write!(
             out,
@@ -76,8 +76,8 @@ pub struct Unsupported {
     pub what: &'static str,
 }
 
-impl core::fmt::Display for Unsupported {
-    fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+impl fmt::Display for Unsupported {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(out, "this executor does not compute {}; use the CPU executor", self.what)
     }
 }
@@ -211,6 +211,52 @@ pub struct TrainingStep<'a, E: Executor> {
     pub number: u32,
     /// Number of this step among those of its light, from 1.
     pub light_number: u32,
+    /// Loss of the caller, in addition to those of the weights.
+    pub own_loss: Option<OwnLoss<'a, E>>,
+}
+
+/// Loss of the caller, and the photograph of a step.
+#[derive(Debug)]
+pub struct OwnLoss<'a, E: Executor> {
+    /// Loss.
+    pub loss: &'a dyn PictureLoss<E>,
+    /// Index of the photograph among those of the training.
+    pub view: usize,
+}
+
+/// Picture of a step before its gradient.
+pub struct StepPicture<'a, E: Executor> {
+    /// Blended channels. Colours are those that are compared with the photograph, after its
+    /// exposure.
+    pub frame: &'a E::Frame,
+    /// Layout of the Gaussians, which determines the channels ([`RenderRules::blended`]).
+    pub layout: Layout,
+    /// Index of the photograph among those of the training.
+    pub view: usize,
+    /// Inputs of the step.
+    pub step: &'a TrainingStep<'a, E>,
+}
+
+impl<E: Executor> fmt::Debug for StepPicture<'_, E> {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.debug_struct("StepPicture").field("layout", &self.layout).field("view", &self.view).finish_non_exhaustive()
+    }
+}
+
+/// Loss of the caller on the pictures of a training, such as the difference from measured depths.
+pub trait PictureLoss<E: Executor>: fmt::Debug {
+    /// Adds the gradient of the loss with respect to a picture to that of the other losses. A
+    /// training is deterministic if the result depends only on the arguments.
+    ///
+    /// # Errors
+    ///
+    /// Those of the executor, which end the step.
+    fn add_grad(
+        &self,
+        exec: &mut E,
+        picture: &StepPicture<'_, E>,
+        grad: E::FrameGrad,
+    ) -> Result<E::FrameGrad, E::Error>;
 }
 
 /// Results of one step.
@@ -841,6 +887,22 @@ pub trait ReadBack: Executor {
     /// [`BufferLength`] if `planes` does not have the length of the frame's values; otherwise the
     /// error of the executor.
     fn upload_frame_grad(&mut self, frame: &Self::Frame, planes: &[f32]) -> Result<Self::FrameGrad, Self::Error>;
+
+    /// Reads the planes of a frame's gradient; those of pixels without a splat may be 0.
+    ///
+    /// # Errors
+    ///
+    /// [`BufferLength`] if `planes` does not have the length of the frame's values; [`Unsupported`],
+    /// where the executor does not read them back; otherwise the error of the executor.
+    fn read_frame_grad(
+        &mut self,
+        frame: &Self::Frame,
+        grad: &Self::FrameGrad,
+        planes: &mut [f32],
+    ) -> Result<(), Self::Error> {
+        let _ = (frame, grad, planes);
+        Err(Unsupported { what: "gradients of pictures on the host" }.into())
+    }
 
     /// Reads the gradients of some channels of splats, `channels.len()` numbers for each Gaussian.
     ///

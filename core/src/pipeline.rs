@@ -3,7 +3,7 @@
 use crate::{
     camera::{Camera, CameraGrad},
     double::Double,
-    executor::{Executor, ReadBack, Renderer, StepReport, TrainingStep},
+    executor::{Executor, OwnLoss, ReadBack, Renderer, StepPicture, StepReport, TrainingStep},
     loss::LossWeights,
     rules::RenderRules,
     scene::{Environment, Gaussians, Layout},
@@ -275,6 +275,10 @@ fn step_vjp<E: Executor>(
     }
     let weights = step.weights.of_form(step.rules.shading.form);
     let mut cotangent = exec.loss(&tape.frame, step.target, step.camera, &weights, step.background)?;
+    if let Some(OwnLoss { loss, view }) = step.own_loss {
+        let picture = StepPicture { frame: &tape.frame, layout: gaussians.layout, view, step };
+        cotangent = loss.add_grad(exec, &picture, cotangent)?;
+    }
     if let Some(exposure) = step.exposure {
         cotangent = exec.expose_vjp(&tape.frame, exposure, cotangent)?;
     }

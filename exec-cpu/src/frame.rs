@@ -249,10 +249,9 @@ pub struct FrameGrad {
     pub(crate) values: Buffer<Quad>,
 }
 
-#[cfg(feature = "testing")]
 impl FrameGrad {
     /// Planes row by row, like those of [`Frame::read`]; zero without a splat.
-    pub fn read(&self, frame: &Frame, values: &mut [f32]) {
+    pub(crate) fn read(&self, frame: &Frame, values: &mut [f32]) {
         let len = tile_len(self.channels);
         frame.read_planes(
             values,

@@ -28,6 +28,12 @@ impl ReadBack for CpuExecutor {
         Ok(frame.grad(planes))
     }
 
+    fn read_frame_grad(&mut self, frame: &Frame, grad: &FrameGrad, planes: &mut [f32]) -> Result<(), CpuError> {
+        BufferLength::check(frame.len_of_values(), planes).map_err(CpuError::BufferLength)?;
+        grad.read(frame, planes);
+        Ok(())
+    }
+
     fn read_channel_grads(
         &mut self,
         grads: &SplatGrads,

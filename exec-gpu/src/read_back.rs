@@ -34,6 +34,11 @@ impl ReadBack for GpuExecutor {
         Ok(FrameGrad { size: frame.size, channels: frame.channels, values })
     }
 
+    fn read_frame_grad(&mut self, frame: &Frame, grad: &FrameGrad, planes: &mut [f32]) -> Result<(), GpuError> {
+        BufferLength::check(frame.len_of_values(), planes).map_err(GpuError::BufferLength)?;
+        self.context.download(&grad.values, 0, planes)
+    }
+
     fn read_channel_grads(
         &mut self,
         grads: &SplatGrads,

@@ -61,6 +61,7 @@ fn allocations(profile: &str, exposure: Option<&Exposure<f32>>) -> usize {
             radiance_max: 100.0,
             number,
             light_number: number,
+            own_loss: None,
         };
         train_step(&mut exec, &mut scene, &step).expect("the CPU trains");
     }

@@ -1,6 +1,7 @@
 //! Arguments of `specula export`.
 
 use super::{
+    lights::FirstLights,
     parse::{share, texture_size, triangles},
     scene::{EnvOptions, OwnLightOption, SceneOptions, Up},
 };
@@ -41,6 +42,7 @@ Examples:
   specula export out/garden -o garden.splat --upright           # photographs, upright
   specula export out/chair -o chair.obj --voxels 384
   specula export out/spheres -o spheres.glb --mesh              # for engines
+  specula export out/spheres -o spheres.html --env sunset --sun 30,45 --ground
   specula export out/chair -o chair.html --page-env sunset.hdr studio.exr
   specula export out/chair -o site/                             # for a web server")]
 pub(crate) struct Export {
@@ -64,15 +66,19 @@ pub(crate) struct Export {
     #[arg(long, value_name = "0..1", default_value_t = specula_core::cutoffs::ALPHA_MIN, value_parser = share)]
     pub(crate) min_opacity: f32,
     /// Environment map that replaces the light of the scene: lat-long, .hdr or .exr (.png, .jpg and
-    /// .webp have no radiance above white).
-    #[arg(long, value_name = "FILE")]
+    /// .webp have no radiance above white); or sunset, forest or workshop, which the program
+    /// contains. A page starts under it, and still offers the light of the scene.
+    #[arg(long, value_name = "FILE|NAME")]
     pub(crate) env: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) env_options: EnvOptions,
-    /// Environment maps that a page offers in addition to the scene's light: lat-long, .hdr or
-    /// .exr.
-    #[arg(long, value_name = "FILE", num_args = 1..)]
+    /// Environment maps that a page offers in addition to the scene's light and that of --env.
+    #[arg(long, value_name = "FILE|NAME", num_args = 1..)]
     pub(crate) page_env: Vec<PathBuf>,
+    /// A page starts with these suns and lamps under the map of --env, else that of --lights;
+    /// without a map they are its only light, as with relight.
+    #[command(flatten)]
+    pub(crate) first: FirstLights,
     /// Store the numbers of a page in full, in five times the space, instead of rounded.
     #[arg(long)]
     pub(crate) page_exact: bool,

@@ -57,6 +57,16 @@ pub(crate) struct LampOptions {
     pub(crate) lights: Option<PathBuf>,
 }
 
+/// First lights of a page.
+#[derive(Args, Debug, Default)]
+pub(crate) struct FirstLights {
+    #[command(flatten)]
+    pub(crate) lamps: LampOptions,
+    /// The page starts with ground that catches the scene's shadows.
+    #[arg(long)]
+    pub(crate) ground: bool,
+}
+
 /// Requested environment map.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum EnvChoice {

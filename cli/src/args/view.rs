@@ -1,7 +1,7 @@
 //! Arguments of `specula view`.
 
 use super::{
-    lights::LampOptions,
+    lights::FirstLights,
     parse::{address, token},
     scene::{EnvUp, OwnLightOption, SceneOptions},
 };
@@ -20,8 +20,8 @@ pub(crate) const ADDRESS: &str = "127.0.0.1:7008";
 /// to rotate, scroll or pinch to zoom, press ? for all keys. Keys 1 to 0 select layers. An
 /// environment map (.hdr, .exr) can be dropped onto the page and rotated by dragging. Camera paths
 /// can be recorded and rendered to a ZIP file of frames. Suns and lamps light models of
-/// --relightable; they are added and dragged on the page, and --sun, --lamp and --lights set the
-/// first ones, in darkness or under the first map of --env.
+/// --relightable; they are added and dragged on the page. The page starts under the light of the
+/// scene, or under the first map of --env with the suns and lamps of --sun, --lamp and --lights.
 ///
 /// The page is only reachable from this machine, unless --listen names another address. It then
 /// requires a token, which is part of the printed address. Connections are not encrypted: in
@@ -52,10 +52,10 @@ pub(crate) struct View {
     /// Up direction of these files: that of the scene, or an axis of the world.
     #[arg(long, value_enum, default_value_t = EnvUp::Scene)]
     pub(crate) env_up: EnvUp,
-    /// The page starts with these suns and lamps and the first map of --env, else that of --lights,
-    /// as with relight; without a map there is no other light.
+    /// The page starts under the first map of --env, else that of --lights, with these suns and
+    /// lamps; suns and lamps without a map are the only light, as with relight.
     #[command(flatten)]
-    pub(crate) lamps: LampOptions,
+    pub(crate) first: FirstLights,
     /// Background; by default that of the training, else black.
     #[arg(long, value_name = "black|white|R,G,B")]
     pub(crate) background: Option<BackgroundColor>,

@@ -3,12 +3,13 @@
 mod page;
 
 use crate::{
-    args::{BakeName, Export, MipName, Prefilter, SchemeName, Up},
+    args::{BakeName, Export, FirstLights, LampOptions, MipName, Prefilter, SchemeName, Up},
     commands::prefilter,
     failure::Failure,
     output, progress,
     scene::{self, background_of, note_oddities, refuse_options_without_light, relight},
 };
+use page::PageLight;
 use specula_core::{camera::Camera, scene::Environment};
 use specula_cpu::CpuExecutor;
 use specula_io::{Error, glb::textured, latlong, mesh, orientation::Orientation, origin};
@@ -69,10 +70,13 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         return Err(Failure::Input("--texture applies to .glb meshes; write one with --mesh -o FILE.glb".to_owned()));
     }
     let is_page = |format: &ExportFormat| matches!(format, ExportFormat::Page | ExportFormat::PageFolder);
-    let has_page_options = args.page_exact || !args.page_env.is_empty();
-    if has_page_options && !formats.iter().any(is_page) {
+    let has_page = formats.iter().any(is_page);
+    let FirstLights { lamps: LampOptions { sun, lamp, lights: file }, ground } = &args.first;
+    let has_first_lights = !sun.is_empty() || !lamp.is_empty() || file.is_some() || *ground;
+    if (has_first_lights || args.page_exact || !args.page_env.is_empty()) && !has_page {
         return Err(Failure::Input(
-            "--page-env and --page-exact apply to pages; write one with -o FILE.html".to_owned(),
+            "--sun, --lamp, --lights, --ground, --page-env and --page-exact apply to pages; write one with -o FILE.html"
+                .to_owned(),
         ));
     }
     refuse_options_without_light(
@@ -93,7 +97,8 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     if args.env.is_none() {
         scene::settle_light(&mut opened, args.light.number)?;
     }
-    if let Some(env) = &args.env {
+    let page = if has_page { Some(PageLight::new(args, opened.scene.clone())?) } else { None };
+    if let Some(env) = args.env.as_ref().filter(|_| !formats.iter().all(is_page)) {
         let up = orientation::up(&opened.orientation(args.scene_options.scene_up.map(Into::into))?);
         relight(&mut opened.scene, env, (&args.env_options).into(), up)?;
     }
@@ -102,7 +107,7 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     }
     let placement = if args.upright { Some(placement(args, &opened)?) } else { None };
     let background = background_of(&opened, args.background);
-    let exporter = Exporter { args, background, opened, placement };
+    let exporter = Exporter { args, background, opened, placement, page };
     let mut baked = Baked::default();
     // Files are written independently: one may fail, the others are still written.
     let mut failures = Vec::new();
@@ -152,6 +157,7 @@ struct Exporter<'a> {
     background: BackgroundColor,
     /// Orientation, if the scene is placed upright.
     placement: Option<Placement>,
+    page: Option<PageLight>,
 }
 
 impl Exporter<'_> {
@@ -260,16 +266,18 @@ impl Exporter<'_> {
         self.say(path, &format!("{} Gaussians", group_digits(plain.gaussians.count)), &losses)
     }
 
-    /// Pictures of the scene from its test views, else from others.
+    /// Pictures of the scene, with the colours that are baked.
     fn references(&self) -> Result<ReferencePictures, Failure> {
+        let scene = self.scene().clone();
+        self.references_of(if self.args.bake == BakeName::Materials { scene.shaded(Shading::Physical)? } else { scene })
+    }
+
+    /// Pictures of a scene from the model's test views, else from others.
+    fn references_of(&self, scene: Scene) -> Result<ReferencePictures, Failure> {
         let cameras: Vec<Camera> = self.opened.evaluation_cameras()?.into_iter().map(|(_, camera)| camera).collect();
         let cameras = evenly_spaced(&cameras, COMPARED_MAX);
         let work = progress::work("comparing", cameras.len() as u64);
         let progress = |done| work.done(done as u64, String::new);
-        let mut scene = self.scene().clone();
-        if self.args.bake == BakeName::Materials {
-            scene = scene.shaded(Shading::Physical)?;
-        }
         let references = ReferencePictures::render(scene, cameras, self.background.0, self.options(), progress)?;
         work.finish();
         Ok(references)

@@ -62,9 +62,10 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     }
     let scene = folder("scene.html");
     if !scene.is_file() {
-        let lights = [&["--page-env"], &LIGHTS[..]].concat();
-        let words = ["export", &text(&model), "--no-error", "-o", &text(&scene)];
-        commands.run(&[&words[..], &lights].concat())?;
+        let [first, other] = LIGHTS;
+        let lights = ["--env", first, "--page-env", other];
+        commands
+            .run(&[&["export", &text(&model), "--no-error", "-o", &text(&scene)][..], crop, &lights[..]].concat())?;
     }
 
     let mut facts = vec![["cameras".to_owned(), format!("{} of {} pictures", outcome.registered, outcome.pictures)]];

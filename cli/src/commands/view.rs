@@ -11,8 +11,7 @@ use crate::{
 use core::net::SocketAddr;
 use specula_scene::{OpenedModel, RenderOptions, Scene, dataset};
 use specula_viewer::{
-    AddedLight, LightSetup, LiveTraining, PhotographSource, SetupEnvironment, ViewedScene, Viewer, ViewerError,
-    ViewerOptions, ViewerThread,
+    AddedLight, LiveTraining, PhotographSource, ViewedScene, Viewer, ViewerError, ViewerOptions, ViewerThread,
 };
 use std::{
     io::IsTerminal,
@@ -25,8 +24,8 @@ pub(crate) fn run(args: &View) -> Result<(), Failure> {
     let mut opened = scene::open_as(&args.scene, &args.scene_options)?;
     scene::settle_light(&mut opened, args.light.number)?;
     note_oddities(&opened);
-    let lights = NamedLights::read(&args.lamps)?;
-    if lights.has_lamps() && !opened.scene.gaussians.layout.is_physical {
+    let lights = NamedLights::read(&args.first.lamps)?;
+    if (lights.has_lamps() || args.first.ground) && !opened.scene.gaussians.layout.is_physical {
         return Err(no_materials());
     }
     let background = background_of(&opened, args.background).0;
@@ -54,12 +53,7 @@ fn add_lights(viewer: &Viewer, args: &View, lights: NamedLights) -> Result<(), F
         warnings.iter().for_each(|warning| tracing::info!("{warning}"));
         first.get_or_insert(id);
     }
-    if args.lamps.lights.is_none() && !lights.has_lamps() {
-        return Ok(());
-    }
-    let environment = first.map_or(SetupEnvironment::None, SetupEnvironment::Added);
-    let NamedLights { turn, exposure, suns, spheres, has_ground, .. } = lights;
-    Ok(viewer.start_under(LightSetup { environment, turn, exposure, suns, spheres, has_ground })?)
+    Ok(viewer.start_under(lights.setup(first, &args.first))?)
 }
 
 impl From<ViewerError> for Failure {

@@ -30,7 +30,7 @@ fn trained(tiny: &Tiny) -> PathBuf {
 }
 
 /// A model with physical materials.
-fn relightable(tiny: &Tiny) -> PathBuf {
+pub(crate) fn relightable(tiny: &Tiny) -> PathBuf {
     train_relightable(tiny, "relightable").args(["--eval", "--quiet"]).assert().success();
     tiny.path("relightable")
 }

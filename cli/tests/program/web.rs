@@ -3,8 +3,10 @@
 use crate::browser::{Browser, Page};
 use crate::site::Site;
 use crate::tiny::{Tiny, psnr, specula, train};
-use crate::view::{dropped, share_that_differs, shown, sky};
+use crate::view::{dropped, relightable, share_that_differs, shown, sky};
+use base64::{Engine, prelude::BASE64_STANDARD};
 use image::RgbImage;
+use serde_json::json;
 use specula_core::rules::Channels;
 use specula_io::Input;
 use specula_scene::{
@@ -26,6 +28,10 @@ const WINDOW: u32 = 400;
 const EXACT: f64 = 60.0;
 /// The same with quantised numbers.
 const QUANTISED: f64 = 45.0;
+/// The same under a sun: rays at the rim of a shadow hit or miss by a rounding.
+const LAMPS: f64 = 40.0;
+/// PSNR in dB of a JPEG of quality 85 against its picture.
+const STILL: f64 = 30.0;
 /// Largest file of the tiny scene, nearly all of it the renderer, in bytes.
 const SMALL: u64 = 3_000_000;
 
@@ -180,6 +186,54 @@ fn a_page_shows_turns_and_relights_the_scene_with_the_numbers_of_the_cpu() {
     let refused = page.eval("fetch('http://127.0.0.1:9/').then(() => 'sent', () => 'refused')");
     assert_eq!(refused, "refused", "and nothing is sent");
     assert!(fs::metadata(&rounded).unwrap().len() < SMALL);
+}
+
+#[test]
+fn a_page_starts_under_the_lights_of_the_command_line() {
+    let tiny = Tiny::new();
+    let model = relightable(&tiny);
+    fs::write(tiny.path("evening.hdr"), sky(&tiny)).unwrap();
+    let evening = tiny.path("evening.hdr");
+    let (file, folder) = (tiny.path("lit.html"), tiny.path("lit/"));
+    let words = ["--env", evening.to_str().unwrap(), "--sun", "30,45", "--ground", "--page-exact"];
+    exported(&model, &file, &words);
+    exported(&model, &folder.join(""), &[&words[..], &["--no-error"]].concat());
+
+    let site = Site::of(&model, &[&["--quiet"], &words[..5]].concat());
+    let scene = site.get("/scene").json();
+    let light = &scene["setup"];
+    assert_eq!((&light["light"], &light["suns"], &light["ground"]), (&json!(1), &json!("30,45,3,0.53"), &json!(true)));
+    let expected = |edge: u32| {
+        let query = format!("/frame?view={}&size={edge},{edge}&light=1&suns=30,45&ground=on", scene["first"]);
+        site.get(&query).picture()
+    };
+    // The still picture of browsers without WebGPU.
+    let still = still_of(&fs::read_to_string(folder.join("index.html")).unwrap());
+    let found = psnr(&still, &expected(still.width()));
+    assert!(found > STILL, "the still picture: {found} dB");
+
+    let plain = trained(&tiny, &[]);
+    for (model, words, word) in [
+        (&plain, ["-o", "x.html", "--sun", "30,45"], "--relightable"),
+        (&model, ["-o", "x.ply", "--sun", "30,45"], "pages"),
+    ] {
+        let output = specula().current_dir(tiny.path("")).arg("export").arg(model).args(words).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(2) && said.contains(word), "{words:?}: {said}");
+    }
+
+    let Some(browser) = browser() else { return };
+    let page = browser.open(&url(&file), [WINDOW; 2]);
+    let found = psnr(&shown(&page), &expected(WINDOW));
+    assert!(found >= LAMPS, "the first picture: {found} dB");
+    assert_eq!(page.eval("document.querySelector('[data-shading=physical]').ariaChecked"), "true");
+}
+
+/// Still picture of a page.
+fn still_of(html: &str) -> RgbImage {
+    let text = html.split("src=\"data:image/jpeg;base64,").nth(1).unwrap().split('"').next().unwrap();
+    let bytes = BASE64_STANDARD.decode(text).unwrap();
+    image::load_from_memory(&bytes).unwrap().to_rgb8()
 }
 
 /// Number of pictures that a page has shown, and a promise of the time that several would take.

@@ -159,6 +159,7 @@ impl Training {
             radiance_max: f32::MAX,
             number: 3,
             light_number: 3,
+            own_loss: None,
         };
         step(exec, &inputs).map_err(said)
     }

@@ -23,6 +23,7 @@ requirements! {
     read_back::{
         gradients_under_any_cotangent_are_those_of_the_reference,
         cotangents_of_another_length_are_refused,
+        cotangents_are_read_back_or_refused,
         splats_on_the_host_are_those_of_the_reference_or_refused,
     };
     /// Writes one `#[test]` for each requirement of a `ReadBack` beyond those of an `Executor`. The
@@ -129,6 +130,35 @@ pub fn cotangents_of_another_length_are_refused<E: ReadBack>(subject: &Subject<'
         require(!accepted, || format!("{len} numbers are no cotangent of {}", view.len()))?;
     }
     Ok(())
+}
+
+/// Reads the gradient of a picture.
+///
+/// # Errors
+///
+/// The fault.
+pub fn cotangents_are_read_back_or_refused<E: ReadBack>(subject: &Subject<'_, E>) -> Result<(), String> {
+    let mut exec = subject.executor();
+    let view = view(ShadingRules::PAPER, Layout::radiance(0), 4);
+    let frame = view.frame(&mut exec).map_err(said)?;
+    let cotangent: Vec<f32> = (0..view.len()).map(|k| 2.0 * random::uniform(4, 6, k as u64) - 1.0).collect();
+    let grad = exec.upload_frame_grad(&frame, &cotangent).map_err(said)?;
+    let mut planes = vec![f32::NAN; view.len()];
+    if let Err(error) = exec.read_frame_grad(&frame, &grad, &mut planes) {
+        let is_named = error.to_string().contains("gradients of pictures");
+        return require(is_named, || format!("gradients of pictures are refused as {error}"));
+    }
+    let mut picture = vec![f32::NAN; view.len()];
+    exec.read_frame(&frame, &mut picture).map_err(said)?;
+    let transmittance = &picture[view.len() - view.pixels()..];
+    for (k, (found, expected)) in planes.iter().zip(&cotangent).enumerate() {
+        let is_empty = transmittance[k % view.pixels()] == 1.0;
+        let is_same = found == expected || (is_empty && *found == 0.0);
+        require(is_same, || format!("number {k} of a gradient is {found} instead of {expected}"))?;
+    }
+    let len = planes.len();
+    let accepted = exec.read_frame_grad(&frame, &grad, &mut planes[..len - 1]).is_ok();
+    require(!accepted, || format!("{} numbers do not hold a gradient of {len}", len - 1))
 }
 
 /// Reads Gaussians on the screen.

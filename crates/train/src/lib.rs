@@ -33,6 +33,7 @@ mod fingerprint;
 mod initial_state;
 mod light_scale;
 pub mod near_field;
+pub mod own_loss;
 mod physical;
 mod picture_schedule;
 pub mod picture_store;

@@ -24,7 +24,7 @@ use crate::{
 use specula_core::{
     activation::logit,
     camera::{Camera, near_of},
-    executor::{DensifyReport, Executor, RandomKey, StepReport, TrainingStep},
+    executor::{DensifyReport, Executor, OwnLoss, PictureLoss, RandomKey, StepReport, TrainingStep},
     loss::LossWeights,
     metrics::psnr,
     near_field::NearField,
@@ -88,6 +88,7 @@ pub struct Trainer<E: Executor> {
     /// Ranks that share the training. The moments and statistics of the state are those of this
     /// rank's Gaussians.
     ranks: Ranks,
+    own_loss: Option<Box<dyn PictureLoss<E> + Send>>,
 }
 
 impl<E: Executor> Trainer<E> {
@@ -184,6 +185,7 @@ impl<E: Executor> Trainer<E> {
             state: with_scene(state, scene, other_lights),
             near_field,
             ranks: Ranks::alone(),
+            own_loss: None,
         })
     }
 
@@ -296,6 +298,32 @@ impl<E: Executor> Trainer<E> {
         Ok((reports.last().copied().unwrap_or_default(), densified))
     }
 
+    /// Sets or removes a loss on pictures in addition to those of the profile. Checkpoints do not
+    /// contain it: set it again after [`Trainer::resume`], and on every rank.
+    pub fn set_own_loss(&mut self, loss: Option<Box<dyn PictureLoss<E> + Send>>) {
+        self.own_loss = loss;
+    }
+
+    /// Changes the Gaussians between steps, on the host: a step of a loss on their attributes, or a
+    /// constraint. Adam's moments are unchanged. All ranks must make the same changes.
+    ///
+    /// # Errors
+    ///
+    /// [`TrainError::Executor`] if arrays cannot be copied.
+    ///
+    /// # Panics
+    ///
+    /// If the number of Gaussians or their layout changes.
+    pub fn edit(&mut self, edit: impl FnOnce(&mut Gaussians<Vec<f32>>)) -> Result<(), TrainError<E::Error>> {
+        let gaussians = &mut self.state.scene.gaussians;
+        let mut edited = download_gaussians(&mut self.exec, gaussians)?;
+        edit(&mut edited);
+        let is_same = (edited.count, edited.layout) == (gaussians.count, gaussians.layout);
+        assert!(is_same, "the number of Gaussians and their layout are those of the training");
+        *gaussians = self.exec.upload_gaussians(&edited)?;
+        Ok(())
+    }
+
     /// Swaps the first light with another of a number, from 0.
     fn swap_light(&mut self, number: u32) {
         let TrainingState { scene, other_lights, .. } = &mut self.state;
@@ -370,6 +398,7 @@ impl<E: Executor> Trainer<E> {
             radiance_max: updates.radiance_max,
             number: u32::try_from(*visit).unwrap_or(u32::MAX),
             light_number: light_number(*visit, self.cameras[0][picture.view].light, &self.views_by_light),
+            own_loss: self.own_loss.as_deref().map(|loss| OwnLoss { loss, view: picture.view }),
         };
         let own: Vec<_> = turns.iter().map(of).collect();
         self.ranks.step(&mut self.exec, &mut self.state.scene, &own, &updates)
@@ -639,9 +668,16 @@ fn all_can_be_halved(cameras: &[Camera]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{profile::by_name, view::View};
+    use crate::{
+        own_loss::{HostLoss, HostPicture},
+        profile::by_name,
+        view::View,
+    };
     use glam::Vec3;
-    use specula_core::scene::{ALBEDO, DIFFUSE};
+    use specula_core::{
+        rules::channel,
+        scene::{ALBEDO, DIFFUSE, MEAN},
+    };
     use specula_cpu::CpuExecutor;
 
     const ITERATIONS: u32 = 40;
@@ -685,6 +721,46 @@ mod tests {
             steps[usize::from(has_changed[1])] += 1;
         }
         assert_eq!(steps, [4, 8], "as many as pictures");
+    }
+
+    #[test]
+    fn a_loss_of_the_caller_moves_what_it_sees_and_none_changes_nothing() {
+        let depth = |loss: Option<f32>| {
+            let mut trainer = trainer(settings()).expect("there are views");
+            if let Some(weight) = loss {
+                trainer.set_own_loss(Some(Box::new(HostLoss(move |picture: &HostPicture<'_>, grad: &mut [f32]| {
+                    let pixels = picture.plane(channel::DEPTH).len();
+                    assert_eq!(picture.camera.light, u32::from(picture.view > 0), "the view's own camera");
+                    grad[channel::DEPTH * pixels..][..pixels].iter_mut().for_each(|grad| *grad += weight);
+                }))));
+            }
+            take(&mut trainer, 9);
+            trainer.download().expect("the CPU gives back").gaussians
+        };
+        let distance = |gaussians: &Gaussians<Vec<f32>>| gaussians.get::<3>(0, MEAN)[0];
+        let (without, zero, nearer, farther) = (depth(None), depth(Some(0.0)), depth(Some(1.0)), depth(Some(-1.0)));
+        assert!(without == zero, "a gradient of zero");
+        // Cameras are at x = 3.
+        assert!(distance(&nearer) > distance(&without) && distance(&without) > distance(&farther));
+    }
+
+    #[test]
+    fn edited_gaussians_are_trained_on() {
+        let mut trainer = trainer(settings()).expect("there are views");
+        take(&mut trainer, 3);
+        let height = |gaussians: &Gaussians<Vec<f32>>| gaussians.get::<3>(1, MEAN)[2];
+        trainer.edit(|gaussians| gaussians.set(1, MEAN, [0.0, 0.0, 0.5])).expect("the CPU gives back");
+        assert_eq!(height(&trainer.download().expect("the CPU gives back").gaussians), 0.5);
+        take(&mut trainer, 1);
+        let moved = height(&trainer.download().expect("the CPU gives back").gaussians);
+        assert!(moved != 0.5 && (moved - 0.5).abs() < 0.1, "{moved}");
+    }
+
+    #[test]
+    #[should_panic(expected = "number of Gaussians")]
+    fn an_edit_keeps_the_number_of_gaussians() {
+        let mut trainer = trainer(settings()).expect("there are views");
+        let _ = trainer.edit(|gaussians| *gaussians = Gaussians { count: 0, layout: gaussians.layout, values: vec![] });
     }
 
     #[test]

@@ -1,13 +1,13 @@
 //! Viewer without a server: it answers requests within a program that renders the pictures.
 
 use crate::{
-    SetupEnvironment, ViewerError,
+    ViewerError,
     http::HttpError,
     lights::Lights,
     new_light::{LIGHT_MAX, UploadParameters, refuse_large, too_large},
     request::{Content, FrameRequest, LightSetting, query},
     setup::LightSetup,
-    viewed::{PreparedScene, ViewedScene, described},
+    viewed::{PreparedScene, Start, ViewedScene, described},
     worker::{PlannedPicture, RenderWorker},
 };
 use axum::http::Uri;
@@ -32,6 +32,7 @@ pub struct EmbeddedViewer {
     lights: Arc<Lights>,
     description: Value,
     setup: LightSetup,
+    start: Start,
 }
 
 /// Picture to render: camera, light and rules.
@@ -84,9 +85,9 @@ impl EmbeddedViewer {
         viewed: ViewedScene,
         load: impl FnOnce(Scene) -> Result<SceneRenderer, SceneError>,
     ) -> Result<Self, ViewerError> {
-        let PreparedScene { mut worker, lights, description } = viewed.prepare(Storage::F32, load)?;
+        let PreparedScene { mut worker, lights, description, start } = viewed.prepare(Storage::F32, load)?;
         worker.cast_known_shadows();
-        Ok(Self { worker, lights, description, setup: LightSetup::default() })
+        Ok(Self { worker, lights, description, setup: LightSetup::default(), start })
     }
 
     /// Adds a light, a cube map that had the file name `name` as a lat-long map; returns its
@@ -95,9 +96,38 @@ impl EmbeddedViewer {
         self.lights.add_cube(cube, name, up).id
     }
 
-    /// Makes an added light the first one of the page.
-    pub fn start_under(&mut self, id: u32) {
-        self.setup.environment = SetupEnvironment::Added(id);
+    /// Sets the first light of the page.
+    ///
+    /// # Errors
+    ///
+    /// Numbers out of range; suns, lamps or ground on a scene without physical materials.
+    pub fn start_under(&mut self, setup: LightSetup) -> Result<(), ViewerError> {
+        setup.check(self.description["physical"] == true)?;
+        self.setup = setup;
+        Ok(())
+    }
+
+    /// First picture of the page, with this longer edge at most, for renderers that wait for their
+    /// pictures.
+    ///
+    /// # Errors
+    ///
+    /// Those of the renderer.
+    pub fn first_picture(&mut self, edge: u32) -> Result<RgbImage, ViewerError> {
+        let Start { viewpoint, camera } = self.start;
+        let Camera { width, height, .. } = camera.limited(edge);
+        let (light, lamps) = self.setup.settings().map_err(ViewerError::Request)?;
+        let request = FrameRequest {
+            viewpoint,
+            size: [width, height],
+            content: Content::default(),
+            light,
+            lamps,
+            shading: None,
+            has_backdrop: false,
+            has_ground: self.setup.has_ground,
+        };
+        Ok(self.worker.render(&request)?.picture)
     }
 
     /// Description of the scene and its lights for the page.

@@ -15,7 +15,7 @@
 mod octahedron;
 mod streams;
 
-use crate::{ViewedScene, ViewerError};
+use crate::{LightSetup, ViewedScene, ViewerError};
 use serde::{Deserialize, Serialize};
 use specula_core::{
     antialias::LowPass,
@@ -90,8 +90,11 @@ pub struct PackedLight {
 pub struct PackedScene {
     /// Scene and its cameras; without photographs.
     pub viewed: ViewedScene,
-    /// Lights to choose from.
+    /// Lights to choose from; [`SetupEnvironment::Added`](crate::SetupEnvironment::Added) counts
+    /// them from 1.
     pub lights: Vec<PackedLight>,
+    /// First light.
+    pub setup: LightSetup,
     /// Sentence about the scene.
     pub caption: String,
 }
@@ -114,6 +117,8 @@ struct Header {
     planes: Vec<Stream>,
     light: Option<LightHeader>,
     lights: Vec<LightHeader>,
+    #[serde(default)]
+    setup: LightSetup,
     near_field: Option<NearFieldHeader>,
 }
 
@@ -185,6 +190,7 @@ impl PackedScene {
             planes,
             light,
             lights,
+            setup: self.setup.clone(),
             near_field,
         };
         let header = serde_json::to_vec(&header).unwrap_or_default();
@@ -222,7 +228,7 @@ impl PackedScene {
             photographs: None,
             background: [0.0; 3],
         };
-        Ok(Self { viewed, lights: Vec::new(), caption })
+        Ok(Self { viewed, lights: Vec::new(), setup: LightSetup::default(), caption })
     }
 
     /// Scene of the bytes of [`PackedScene::pack`].
@@ -258,7 +264,7 @@ impl PackedScene {
             photographs: None,
             background: header.background,
         };
-        Ok(Self { viewed, lights, caption: header.caption })
+        Ok(Self { viewed, lights, setup: header.setup, caption: header.caption })
     }
 }
 
@@ -562,6 +568,7 @@ impl PackedView {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::SetupEnvironment;
     use glam::Vec3;
     use specula_core::{
         random::uniform,
@@ -642,7 +649,8 @@ mod tests {
             background: [0.25, 0.5, 1.0],
         };
         let light = PackedLight { name: "sky.hdr".to_owned(), up: MapUp::Y, cube: cube(RadianceActivation::Identity) };
-        PackedScene { viewed, lights: vec![light], caption: "a vase".to_owned() }
+        let setup = LightSetup { environment: SetupEnvironment::Added(1), turn: 30.0, ..LightSetup::default() };
+        PackedScene { viewed, lights: vec![light], setup, caption: "a vase".to_owned() }
     }
 
     #[test]
@@ -658,7 +666,7 @@ mod tests {
         assert!(planes.into_iter().all(|plane| one.gaussians.plane(plane).eq(other.gaussians.plane(plane))));
         assert_eq!((&one.light, &one.near_field), (&other.light, &other.near_field));
         assert_eq!(one.shading_model, other.shading_model);
-        assert_eq!((&packed.lights, &packed.caption), (&read.lights, &read.caption));
+        assert_eq!((&packed.lights, &packed.setup, &packed.caption), (&read.lights, &read.setup, &read.caption));
     }
 
     #[test]

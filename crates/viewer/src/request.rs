@@ -5,7 +5,10 @@ use axum::{extract::Query, http::Uri};
 use core::{fmt::Display, str::FromStr};
 use glam::Vec3;
 use serde::{Deserialize, de::DeserializeOwned};
-use specula_core::lamps::{Lamp, RAYS, check};
+use specula_core::{
+    camera::Camera,
+    lamps::{Lamp, RAYS, check},
+};
 use specula_scene::{
     Layer, Shading,
     lamps::{SphereChoice, SunChoice},
@@ -142,6 +145,15 @@ pub(crate) struct Pose {
     pub(crate) angle: f32,
 }
 
+impl Pose {
+    /// Pose of a camera.
+    pub(crate) fn of(camera: &Camera) -> Self {
+        let rows = camera.camera_from_world;
+        let angle = 2.0 * (0.5 * camera.width as f32 / camera.focal_px[0]).atan();
+        Self { eye: camera.position, look: rows.row(2), up: -rows.row(1), angle }
+    }
+}
+
 #[derive(Deserialize)]
 struct PoseParameters {
     eye: Vector,
@@ -219,7 +231,7 @@ pub(crate) const NONE: &str = "none";
 /// Identifier of a light, as text.
 #[derive(Default, Deserialize)]
 #[serde(try_from = "String")]
-struct LightId(u32);
+pub(crate) struct LightId(pub(crate) u32);
 
 impl TryFrom<String> for LightId {
     type Error = &'static str;
@@ -334,7 +346,7 @@ impl TryFrom<LampParameters> for LampSetting {
 }
 
 /// Parses entries separated by semicolons; empty for an empty text.
-fn entries<T: FromStr<Err: Display>>(text: &str, name: &str) -> Result<Vec<T>, String> {
+pub(crate) fn entries<T: FromStr<Err: Display>>(text: &str, name: &str) -> Result<Vec<T>, String> {
     let entries = text.split(';').filter(|_| !text.is_empty());
     let parse = |entry: &str| entry.parse().map_err(|error| format!("{name}: invalid {entry:?}; {error}"));
     entries.map(parse).collect()

@@ -3,12 +3,16 @@
 use crate::{
     ViewerError,
     lights::id_json,
-    request::{DARKNESS, LampSetting, LightSetting},
+    request::{DARKNESS, LampSetting, LightId, LightSetting, entries},
 };
 use core::fmt::Display;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use specula_core::lamps::RAYS;
-use specula_scene::lamps::{SphereChoice, SunChoice};
+use specula_scene::{
+    SceneError,
+    lamps::{SphereChoice, SunChoice},
+};
 
 /// Environment map of a [`LightSetup`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -23,7 +27,8 @@ pub enum SetupEnvironment {
 }
 
 /// First light of the page: environment, suns and lamps.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(into = "SetupParameters", try_from = "SetupParameters")]
 pub struct LightSetup {
     /// Environment map.
     pub environment: SetupEnvironment,
@@ -39,21 +44,72 @@ pub struct LightSetup {
     pub has_ground: bool,
 }
 
+/// Setup in the notation of requests.
+#[derive(Serialize, Deserialize)]
+struct SetupParameters {
+    light: Value,
+    turn: f32,
+    stops: f32,
+    suns: String,
+    lamps: String,
+    ground: bool,
+}
+
+impl From<LightSetup> for SetupParameters {
+    fn from(setup: LightSetup) -> Self {
+        Self {
+            light: id_json(setup.id()),
+            turn: setup.turn,
+            stops: setup.exposure,
+            suns: listed(&setup.suns),
+            lamps: listed(&setup.spheres),
+            ground: setup.has_ground,
+        }
+    }
+}
+
+impl TryFrom<SetupParameters> for LightSetup {
+    type Error = String;
+
+    fn try_from(parameters: SetupParameters) -> Result<Self, String> {
+        let SetupParameters { light, turn, stops: exposure, suns, lamps, ground: has_ground } = parameters;
+        let text = light.as_str().map_or_else(|| light.to_string(), str::to_owned);
+        let environment = match LightId::try_from(text)? {
+            LightId(0) => SetupEnvironment::Scene,
+            LightId(DARKNESS) => SetupEnvironment::None,
+            LightId(id) => SetupEnvironment::Added(id),
+        };
+        let (suns, spheres) = (entries(&suns, "suns")?, entries(&lamps, "lamps")?);
+        Ok(Self { environment, turn, exposure, suns, spheres, has_ground })
+    }
+}
+
 impl LightSetup {
-    /// Rejects values that requests may not contain.
+    /// Rejects values that requests may not contain, and lamps on a scene without materials.
     ///
     /// # Errors
     ///
-    /// [`ViewerError::Request`] with the valid range.
-    pub(crate) fn check(&self) -> Result<(), ViewerError> {
-        let lamps = LampSetting::new(self.suns.clone(), self.spheres.clone(), RAYS).map(drop);
-        let light = LightSetting::new(self.id(), self.turn, self.exposure).map(drop);
-        lamps.and(light).map_err(ViewerError::Request)
+    /// [`ViewerError::Request`] with the valid range; [`SceneError::NoMaterials`].
+    pub(crate) fn check(&self, is_physical: bool) -> Result<(), ViewerError> {
+        if self.needs_materials() && !is_physical {
+            return Err(SceneError::NoMaterials.into());
+        }
+        self.settings().map(drop).map_err(ViewerError::Request)
     }
 
-    /// Whether there are suns or lamps.
-    pub(crate) fn has_lamps(&self) -> bool {
-        !self.suns.is_empty() || !self.spheres.is_empty()
+    /// Light and lamps of pictures under this setup.
+    ///
+    /// # Errors
+    ///
+    /// A sentence with the valid range.
+    pub(crate) fn settings(&self) -> Result<(LightSetting, LampSetting), String> {
+        let lamps = LampSetting::new(self.suns.clone(), self.spheres.clone(), RAYS)?;
+        Ok((LightSetting::new(self.id(), self.turn, self.exposure)?, lamps))
+    }
+
+    /// Whether only physical materials can be shown under this light.
+    pub fn needs_materials(&self) -> bool {
+        self.has_ground || !self.suns.is_empty() || !self.spheres.is_empty()
     }
 
     const fn id(&self) -> u32 {
@@ -66,14 +122,7 @@ impl LightSetup {
 
     /// Parameters of requests, for the page.
     pub(crate) fn json(&self) -> Value {
-        json!({
-            "light": id_json(self.id()),
-            "turn": self.turn,
-            "stops": self.exposure,
-            "suns": listed(&self.suns),
-            "lamps": listed(&self.spheres),
-            "ground": self.has_ground,
-        })
+        json!(self)
     }
 }
 
@@ -104,7 +153,9 @@ mod tests {
         assert_eq!((&json["light"], &json["lamps"]), (&json!("none"), &json!("1,0,2,5,0.5")));
         assert_eq!(json["ground"], json!(true));
         assert_eq!(json["suns"], json!("30,45,3,0.53;0,10,1,0.53:ff8800"));
-        assert!(setup.check().is_ok());
+        assert!(setup.check(true).is_ok());
+        assert!(setup.check(false).unwrap_err().to_string().contains("physical materials"));
+        assert_eq!(serde_json::from_value::<LightSetup>(json).unwrap(), setup);
     }
 
     #[test]
@@ -112,7 +163,7 @@ mod tests {
         let nine = LightSetup { suns: vec!["0,45".parse().unwrap(); 9], ..LightSetup::default() };
         let dazzling = LightSetup { exposure: 40.0, ..LightSetup::default() };
         for (setup, word) in [(nine, "at most 8"), (dazzling, "stops")] {
-            let refused = setup.check().unwrap_err().to_string();
+            let refused = setup.check(true).unwrap_err().to_string();
             assert!(refused.contains(word), "{refused}");
         }
     }

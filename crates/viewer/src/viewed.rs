@@ -3,13 +3,13 @@
 use crate::{
     ViewerError,
     lights::{Label, Lights},
-    request::{self, LampSetting},
+    request::{self, LampSetting, Pose, Viewpoint},
     setup::LightSetup,
     views::{PhotographSource, Views, camera_json},
     worker::RenderWorker,
 };
 use serde_json::{Value, json};
-use specula_core::{pack::Storage, shade::ShadingForm};
+use specula_core::{camera::Camera, pack::Storage, shade::ShadingForm};
 use specula_io::{cameras::NamedCamera, orientation::Orientation};
 use specula_scene::{Layer, OpenedModel, Scene, SceneError, SceneRenderer, lamps::direction, orbit::StartView};
 use std::sync::Arc;
@@ -68,6 +68,7 @@ impl ViewedScene {
     ) -> Result<PreparedScene, ViewerError> {
         let Self { name, scene, views, held_out, origin, orientation, photographs, background } = self;
         let StartView { known: views, first, start, centre, up } = StartView::new(&orientation, views);
+        let first_view = first.and_then(|index| Some((index, views.get(index)?.1)));
         let views = Views::new(views, held_out, photographs);
         let is_physical = scene.gaussians.layout.is_physical;
         let lights = Arc::new(Lights::new(scene.light.clone(), scene.resolution_of_others(), up, is_physical));
@@ -77,6 +78,7 @@ impl ViewedScene {
             "gaussians": scene.gaussians.count,
             "shaded": is_shaded,
             "physical": is_physical,
+            "shading": scene.shading_model.shading().name(),
             "layers": layers(&scene, &views),
             "views": views.json(),
             "first": first,
@@ -90,7 +92,11 @@ impl ViewedScene {
             "pixels_max": request::PIXELS_MAX,
         });
         let worker = RenderWorker::new(scene, storage, load, lights.clone(), views, background, start.near)?;
-        Ok(PreparedScene { worker, lights, description })
+        let start = match first_view {
+            Some((index, camera)) => Start { viewpoint: Viewpoint::View(index), camera },
+            None => Start { viewpoint: Viewpoint::Pose(Pose::of(&start)), camera: start },
+        };
+        Ok(PreparedScene { worker, lights, description, start })
     }
 }
 
@@ -100,6 +106,14 @@ pub(crate) struct PreparedScene {
     pub(crate) worker: RenderWorker,
     pub(crate) lights: Arc<Lights>,
     pub(crate) description: Value,
+    pub(crate) start: Start,
+}
+
+/// First view of the page.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Start {
+    pub(crate) viewpoint: Viewpoint,
+    pub(crate) camera: Camera,
 }
 
 /// Description of a scene with its lights and the first light of the page.

@@ -113,7 +113,7 @@ impl Viewer {
         let guard = Guard::new(options.address.ip(), options.token.as_deref())?;
         let upload_folder = tempfile::tempdir().map_err(ViewerError::UploadFolder)?;
 
-        let PreparedScene { worker, lights, description } = viewed.prepare(options.render.storage, load)?;
+        let PreparedScene { worker, lights, description, .. } = viewed.prepare(options.render.storage, load)?;
         let is_shaded = description["shaded"] == true;
         let queue = Arc::new(Queue::new());
         spawn(worker, queue.clone(), live.clone());
@@ -138,12 +138,9 @@ impl Viewer {
     ///
     /// # Errors
     ///
-    /// Numbers out of range; suns or lamps on a scene without physical materials.
+    /// Numbers out of range; suns, lamps or ground on a scene without physical materials.
     pub fn start_under(&self, setup: LightSetup) -> Result<(), ViewerError> {
-        if setup.has_lamps() && self.state.description["physical"] != true {
-            return Err(SceneError::NoMaterials.into());
-        }
-        setup.check()?;
+        setup.check(self.state.description["physical"] == true)?;
         self.state.start_under(setup);
         Ok(())
     }

@@ -122,15 +122,15 @@ impl Views {
 /// Camera for the page: horizontal field of view in degrees; focal lengths and principal point as
 /// fractions of width and height.
 pub(crate) fn camera_json(camera: &Camera) -> Value {
-    let angle = 2.0 * (0.5 * camera.width as f32 / camera.focal_px[0]).atan();
+    let Pose { eye, look, up, angle } = Pose::of(camera);
     let size = [camera.width, camera.height].map(|edge| edge as f32);
     let in_picture = |pixels: [f32; 2]| [pixels[0] / size[0], pixels[1] / size[1]];
     json!({
         "focal": in_picture(camera.focal_px),
         "principal": in_picture(camera.principal_px),
-        "eye": camera.position.to_array(),
-        "look": camera.camera_from_world.row(2).to_array(),
-        "up": (-camera.camera_from_world.row(1)).to_array(),
+        "eye": eye.to_array(),
+        "look": look.to_array(),
+        "up": up.to_array(),
         "angle": angle.to_degrees(),
         "size": [camera.width, camera.height],
     })

@@ -70,13 +70,6 @@ impl ChunkedArray {
         array
     }
 
-    /// Array of values that are never divided into chunks, by value.
-    #[cfg(feature = "testing")]
-    pub(crate) fn into_whole(mut self) -> Array {
-        self.whole();
-        self.arrays.remove(0)
-    }
-
     /// Chunks of `count` Gaussians.
     pub(crate) fn chunks(&self, count: usize) -> impl Iterator<Item = Chunk<'_>> {
         self.arrays.iter().zip(ranges(count, self.chunk_len)).map(|(array, gaussians)| Chunk { gaussians, array })

@@ -20,7 +20,6 @@ use crate::{
     executor::GpuExecutor,
     stages::{
         blend_vjp::{ReplayDivision, SplatGrads},
-        frame::{Frame, FrameGrad},
         light::{
             LightGrad, LightLayout,
             sums::{LightSums, light_sums},
@@ -171,27 +170,6 @@ impl<P> GpuExecutor<P> {
         self.read_array(&grad.texels)
     }
 
-    /// Gradient of a frame from its planes, in the order of
-    /// [`read_frame`](specula_core::executor::Renderer::read_frame).
-    ///
-    /// # Errors
-    ///
-    /// Errors of allocation.
-    pub fn frame_grad(&mut self, frame: &Frame, planes: &[f32]) -> Result<FrameGrad, GpuError> {
-        let values = self.context.upload("gradient of a picture", planes)?;
-        Ok(FrameGrad { size: frame.size, channels: frame.channels, values })
-    }
-
-    /// Planes of a gradient, in the order of
-    /// [`read_frame`](specula_core::executor::Renderer::read_frame).
-    ///
-    /// # Errors
-    ///
-    /// Errors of the device.
-    pub fn read_frame_grad(&mut self, grad: &FrameGrad, values: &mut [f32]) -> Result<(), GpuError> {
-        self.context.download(&grad.values, 0, values)
-    }
-
     /// Gradients of splats, in the layout of [`SplatGrads`].
     ///
     /// # Errors
@@ -237,13 +215,6 @@ impl<P> GpuExecutor<P> {
     /// Sets the division of the replay. Results do not depend on the number of slots.
     pub fn set_replay_division(&mut self, division: ReplayDivision) {
         self.replay = division;
-    }
-}
-
-impl FrameGrad {
-    /// A gradient of `channels` channels, in the layout of [`FrameGrad`].
-    pub fn new(size: [usize; 2], channels: usize, values: ChunkedArray) -> Self {
-        Self { size, channels, values: values.into_whole() }
     }
 }
 

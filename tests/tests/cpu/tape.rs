@@ -5,7 +5,7 @@ use specula_core::{
     camera::{Camera, CameraOf},
     double::Double,
     dual::Dual,
-    executor::{Executor, ReadBack, Renderer, TrainingStep},
+    executor::{Executor, OwnLoss, ReadBack, Renderer, TrainingStep},
     loss::LossWeights,
     pipeline::{self, Gradients, Tape, render, render_taped, view_gradient},
     prefilter::{LevelRange, PrefilterScheme},
@@ -21,6 +21,7 @@ use specula_tests::{
     plain::{self, Light, Operator, lift_environment, lift_gaussians, look_up, prefilter},
     strategies::{random_cloud, random_environment},
 };
+use specula_train::own_loss::{HostLoss, HostPicture};
 
 /// Gradients of a small picture in `f32`, by attribute, relative to the largest.
 const SAME_GRADIENT: f64 = 1e-4;
@@ -240,7 +241,7 @@ fn a_taped_picture_is_that_of_rendering() {
 #[test]
 fn the_gradient_of_a_loss_is_that_of_a_view() {
     for shading in [ShadingRules::PAPER, ShadingRules::DEFERRED] {
-        let Scene { gaussians, environment, camera, rules, mut exec, tape, .. } =
+        let Scene { gaussians, environment, camera, rules, mut exec, tape, cotangent: drawn } =
             Scene::new(shading, Layout::shaded(Some(1)), 7);
         let [width, height] = tape.frame.size();
         let rgba: Vec<u8> = (0..width * height * 4).map(|k| (255.0 * random::uniform(7, 8, k as u64)) as u8).collect();
@@ -261,9 +262,23 @@ fn the_gradient_of_a_loss_is_that_of_a_view() {
             radiance_max: f32::MAX,
             number: 1,
             light_number: 1,
+            own_loss: None,
         };
         let (expected, _) =
             view_gradient(&mut exec, &gaussians, Some(&environment), None, &step).expect("the CPU derives");
+        let own = HostLoss(|picture: &HostPicture<'_>, grad: &mut [f32]| {
+            assert_eq!(picture.view, 5);
+            grad.copy_from_slice(&drawn);
+        });
+        let own_loss = Some(OwnLoss { loss: &own, view: 5 });
+        let (replaced, _) =
+            view_gradient(&mut exec, &gaussians, Some(&environment), None, &TrainingStep { own_loss, ..step })
+                .expect("the CPU derives");
+        let found = exec.upload_frame_grad(&tape.frame, &drawn).expect("the planes fit");
+        let found =
+            pipeline::render_vjp(&mut exec, &tape, &gaussians, Some(&environment), found).expect("the CPU derives");
+        let without_losses = replaced.gaussians == found.gaussians;
+        assert!(without_losses && replaced.light == found.environment, "a loss of the caller gives any cotangent");
         let cotangent = exec.loss(&tape.frame, &target, &camera, &weights, background).expect("the sizes agree");
         let found =
             pipeline::render_vjp(&mut exec, &tape, &gaussians, Some(&environment), cotangent).expect("the CPU derives");

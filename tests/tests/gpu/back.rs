@@ -6,7 +6,7 @@ use specula_core::{
     attributes::{AttributeLosses, GaussianShading},
     camera::Camera,
     double::Double,
-    executor::{Executor, Renderer},
+    executor::{Executor, ReadBack, Renderer},
     loss::LossWeights,
     prefilter::{LevelRange, PrefilterScheme},
     random,
@@ -18,7 +18,7 @@ use specula_core::{
 };
 use specula_cpu::CpuExecutor;
 use specula_gpu::{
-    FrameGrad, GpuExecutor, KernelSet, SplatGrads,
+    GpuExecutor, KernelSet, SplatGrads,
     stages::{
         blend::formulas::PixelBlock,
         blend_vjp::{
@@ -203,7 +203,7 @@ impl Scene {
             exec.shade(&cloud, &self.camera, &mut splats, light.as_ref(), &self.rules).expect("the executor shades");
         let tiles = exec.bin(&splats, &self.camera).expect("the executor bins");
         let frame = exec.blend(&splats, &colors, &tiles, &self.camera).expect("the executor blends");
-        let grad = exec.frame_grad(&frame, self);
+        let grad = exec.upload_frame_grad(&frame, &self.frame_grad).expect("numbers fit");
         let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &grad, &self.camera);
         exec.numbers_of(&grads.expect("the executor goes back"))
     }
@@ -243,7 +243,7 @@ fn tiles_that_only_one_kernel_finds_change_nothing() {
             gpu.recount_tiles(&mut splats, recount).unwrap();
             let tiles = gpu.bin(&splats, &scene.camera).unwrap();
             let frame = gpu.blend(&splats, &colors, &tiles, &scene.camera).unwrap();
-            let grad = Back::frame_grad(&mut gpu, &frame, &scene);
+            let grad = gpu.upload_frame_grad(&frame, &scene.frame_grad).unwrap();
             let grads = gpu.blend_vjp(&splats, &colors, &tiles, &frame, &grad, &scene.camera).unwrap();
             gpu.numbers_of(&grads)
         };
@@ -263,16 +263,12 @@ fn uploaded<E: Renderer>(
 }
 
 /// Executor whose gradients are numbers on the host.
-trait Back: Executor {
-    fn frame_grad(&mut self, frame: &Self::Frame, scene: &Scene) -> Self::FrameGrad;
+trait Back: ReadBack {
     fn grads_of(&mut self, scene: &Scene, values: &[f32]) -> Self::SplatGrads;
     fn numbers_of(&mut self, grads: &Self::SplatGrads) -> Vec<f32>;
 }
 
 impl Back for CpuExecutor {
-    fn frame_grad(&mut self, frame: &Self::Frame, scene: &Scene) -> Self::FrameGrad {
-        frame.grad(&scene.frame_grad)
-    }
     fn grads_of(&mut self, scene: &Scene, values: &[f32]) -> Self::SplatGrads {
         specula_cpu::stages::blend_vjp::SplatGrads::of_values(scene.channels(), values)
     }
@@ -282,10 +278,6 @@ impl Back for CpuExecutor {
 }
 
 impl Back for GpuExecutor {
-    fn frame_grad(&mut self, frame: &Self::Frame, scene: &Scene) -> Self::FrameGrad {
-        let values = self.upload(&scene.frame_grad).expect("numbers fit");
-        FrameGrad::new(frame.size(), scene.channels(), values)
-    }
     fn grads_of(&mut self, scene: &Scene, values: &[f32]) -> Self::SplatGrads {
         SplatGrads::new(scene.channels(), self.upload(values).expect("numbers fit"))
     }

@@ -5,7 +5,7 @@ use specula_core::{
     cubemap::{bilinear, bilinear_weights, footprint, padded_len, project},
     double::Double,
     dual::Dual,
-    executor::{Executor, Renderer},
+    executor::{Executor, ReadBack, Renderer},
     light_network::{LightNetworkError, WEIGHT_COUNT, WEIGHT_MAX},
     near_field::NearField,
     prefilter::{IRRADIANCE_RESOLUTION, Level, LevelRange, Levels, PrefilterScheme, level_of_roughness},
@@ -360,32 +360,18 @@ struct Gradient {
     environment: Vec<f64>,
 }
 
-/// Access to an executor's results; a frame's gradient is made from planes and read back.
-trait Read: Executor {
-    fn grad_from(&mut self, frame: &Self::Frame, planes: &[f32]) -> Self::FrameGrad;
-    fn planes_of(&mut self, frame: &Self::Frame, grad: &Self::FrameGrad, planes: &mut [f32]);
+/// Access to an executor's results.
+trait Read: ReadBack {
     fn texels_of(&mut self, grad: &Self::LightGrad) -> Vec<f32>;
 }
 
 impl Read for CpuExecutor {
-    fn grad_from(&mut self, frame: &Self::Frame, planes: &[f32]) -> Self::FrameGrad {
-        frame.grad(planes)
-    }
-    fn planes_of(&mut self, frame: &Self::Frame, grad: &Self::FrameGrad, planes: &mut [f32]) {
-        grad.read(frame, planes);
-    }
     fn texels_of(&mut self, grad: &Self::LightGrad) -> Vec<f32> {
         grad.texels().as_flattened().to_vec()
     }
 }
 
 impl Read for GpuExecutor {
-    fn grad_from(&mut self, frame: &Self::Frame, planes: &[f32]) -> Self::FrameGrad {
-        self.frame_grad(frame, planes).expect("planes fit")
-    }
-    fn planes_of(&mut self, _frame: &Self::Frame, grad: &Self::FrameGrad, planes: &mut [f32]) {
-        self.read_frame_grad(grad, planes).expect("planes can be read");
-    }
     fn texels_of(&mut self, grad: &Self::LightGrad) -> Vec<f32> {
         self.read_light_grad(grad).expect("a gradient can be read")
     }
@@ -456,11 +442,11 @@ impl Scene {
             None => frame,
         };
         let frame = exec.shade_pixels(frame, light.as_ref(), &self.camera, &self.rules).expect("it shades pixels");
-        let grad = exec.grad_from(&frame, grad);
+        let grad = exec.upload_frame_grad(&frame, grad).expect("planes fit");
         let (grad, light_grad) =
             exec.shade_pixels_vjp(&frame, light.as_ref(), &self.camera, &self.rules, grad).expect("it goes back");
         let mut planes = vec![0.0; blended.len()];
-        exec.planes_of(&frame, &grad, &mut planes);
+        exec.read_frame_grad(&frame, &grad, &mut planes).expect("planes can be read");
         let (mut texel_grads, mut environment_grad) = (Vec::new(), Vec::new());
         if let (Some(light), Some(grad)) = (&light, &light_grad) {
             texel_grads = exec.texels_of(grad);

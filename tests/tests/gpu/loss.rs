@@ -6,7 +6,7 @@ use specula_core::{
     camera::Camera,
     color::UNKNOWN,
     double::Double,
-    executor::{Executor, Renderer},
+    executor::{Executor, ReadBack, Renderer},
     expose::{Exposure, IDENTITY, expose, expose_vjp},
     loss::{LossReport, LossWeights, NormalForm},
     pipeline::render,
@@ -250,7 +250,7 @@ impl Scene {
             let unlit = self.frame_under(gpu, false);
             gpu.read_frame(&unlit, values).expect("the frame has that size");
         }
-        gpu.read_frame_grad(&grad, &mut compared.grad).expect("the gradient has that size");
+        gpu.read_frame_grad(&frame, &grad, &mut compared.grad).expect("the gradient has that size");
         compared
     }
     fn on_cpu(&self, cpu: &mut CpuExecutor) -> Compared {
@@ -261,7 +261,7 @@ impl Scene {
         if let Some(values) = &mut compared.unlit {
             self.frame_under(cpu, false).read(values);
         }
-        grad.read(&frame, &mut compared.grad);
+        cpu.read_frame_grad(&frame, &grad, &mut compared.grad).expect("the gradient has that size");
         compared
     }
     /// The plain pipeline's losses and gradient of a picture, in `f64`.
@@ -640,11 +640,7 @@ struct Exposed {
 }
 
 impl Scene {
-    fn expose<E: Executor>(
-        &self,
-        exec: &mut E,
-        read_grad: impl Fn(&mut E, &E::Frame, &E::FrameGrad, &mut [f32]),
-    ) -> Exposed {
+    fn expose<E: ReadBack>(&self, exec: &mut E) -> Exposed {
         let zeros = vec![0.0; (self.channels() + 1) * self.pixel_count()];
         let [mut before, mut after, mut of_photograph, mut of_picture] = [(); 4].map(|()| zeros.clone());
         let frame = self.frame(exec);
@@ -652,9 +648,9 @@ impl Scene {
         let frame = exec.expose(frame, &EXPOSURE).expect("the executor exposes");
         exec.read_frame(&frame, &mut after).expect("the frame has that size");
         let (_, grad) = self.compare(exec, &frame);
-        read_grad(exec, &frame, &grad, &mut of_photograph);
+        exec.read_frame_grad(&frame, &grad, &mut of_photograph).expect("it fits");
         let grad = exec.expose_vjp(&frame, &EXPOSURE, grad).expect("the executor goes back");
-        read_grad(exec, &frame, &grad, &mut of_picture);
+        exec.read_frame_grad(&frame, &grad, &mut of_picture).expect("it fits");
         let report = exec.report().expect("sums come back").expect("no step exceeds the capacity");
         assert_eq!(
             exec.report().expect("nothing is left").and_then(|report| report.exposure),
@@ -702,10 +698,10 @@ fn photographs_are_exposed_as_core_says_and_so_are_their_gradients() {
     let mut cpu = CpuExecutor::new();
     let mut gpu = executor();
     for (what, scene) in scenes() {
-        let theirs = scene.expose(&mut cpu, |_, frame, grad, values| grad.read(frame, values));
+        let theirs = scene.expose(&mut cpu);
         scene.assert_exposed(&format!("{what} on the CPU"), &theirs);
         let Some(gpu) = &mut gpu else { continue };
-        let ours = scene.expose(gpu, |gpu, _, grad, values| gpu.read_frame_grad(grad, values).expect("it fits"));
+        let ours = scene.expose(gpu);
         scene.assert_exposed(&format!("{what} on the GPU"), &ours);
         let apart = relative_difference(ours.of_exposure.as_flattened(), theirs.of_exposure.as_flattened());
         assert!(apart <= AS_THE_CPU_COMPARES, "{what}: the executors' gradients of the exposure are {apart:e} apart");

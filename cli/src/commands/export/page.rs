@@ -1,17 +1,24 @@
 //! Pages of `specula export`: a scene and its renderer for a browser.
 
 use super::Exporter;
-use crate::{failure::Failure, output, progress, scene::read_env};
+use crate::{
+    args::Export,
+    failure::Failure,
+    lights::{NamedLights, no_materials},
+    output, progress,
+    scene::{read_env, refuse_plain},
+};
 use specula_core::{
     rules::Channels,
     scene::{Environment, RadianceActivation},
 };
 use specula_io::{latlong, picture};
 use specula_scene::{
-    RenderOptions, Scene, SceneRenderer, export::visible, light_file::MapUp, number::group_digits, orbit::StartView,
-    orientation, text::shown,
+    Scene, SceneRenderer, export::visible, light_file::MapUp, number::group_digits, orientation, text::shown,
 };
-use specula_viewer::{PackPrecision, PackedLight, PackedScene, ViewedScene, WebPage, WebRenderer};
+use specula_viewer::{
+    EmbeddedViewer, LightSetup, PackPrecision, PackedLight, PackedScene, ViewedScene, WebPage, WebRenderer,
+};
 use std::path::{Path, PathBuf};
 
 /// Renderer of pages, from `scripts/build-web`.
@@ -28,13 +35,15 @@ impl Exporter<'_> {
     /// Writes a page as a file, or as a folder.
     pub(super) fn write_page(&self, path: &Path, is_folder: bool) -> Result<(), Failure> {
         let precision = if self.args.page_exact { PackPrecision::Exact } else { PackPrecision::Quantised };
-        let scene = self.page_scene();
-        let count = scene.gaussians.count;
-        let mut packed =
-            PackedScene { viewed: self.viewed(scene)?, lights: self.page_lights()?, caption: String::new() };
-        let error = self.page_error(&packed, precision)?;
+        let PageLight { scene, maps, setup } = self.page.as_ref().expect("a page is requested");
+        let kept = visible(&scene.gaussians, self.args.min_opacity);
+        let (viewed, lights) = (self.viewed(scene.kept(&kept))?, self.page_lights(maps)?);
+        let count = viewed.scene.gaussians.count;
+        let mut packed = PackedScene { viewed, lights, setup: setup.clone(), caption: String::new() };
+        let stored = PackedScene::unpack(&packed.pack(precision))?;
+        let error = self.page_error(&packed.viewed.scene, &stored.viewed.scene, precision)?;
         packed.caption = self.caption(count, &error);
-        let still = self.still(&packed.viewed)?;
+        let still = self.still(stored)?;
         let page = WebPage::new(RENDERER, &packed, precision, still);
         let files = if is_folder {
             page.folder().map(|(name, contents)| (path.join(name), contents)).into()
@@ -45,13 +54,6 @@ impl Exporter<'_> {
         let bytes: usize = files.iter().map(|(_, contents)| contents.len()).sum();
         let (path, count, bytes) = (shown(path), group_digits(count), group_digits(bytes));
         output::say(&format!("{path}: page, {count} Gaussians, {bytes} bytes; {error}"))
-    }
-
-    /// Scene without invisible Gaussians.
-    fn page_scene(&self) -> Scene {
-        let scene = self.scene();
-        let kept = visible(&scene.gaussians, self.args.min_opacity);
-        scene.kept(&kept)
     }
 
     fn viewed(&self, scene: Scene) -> Result<ViewedScene, Failure> {
@@ -68,22 +70,22 @@ impl Exporter<'_> {
     }
 
     /// Environment maps to choose from.
-    fn page_lights(&self) -> Result<Vec<PackedLight>, Failure> {
+    fn page_lights(&self, maps: &[(PathBuf, MapUp)]) -> Result<Vec<PackedLight>, Failure> {
         let up = orientation::up(&self.opened.orientation(self.args.scene_options.scene_up.map(Into::into))?);
         let resolution = self.scene().resolution_of_others();
-        let map_up: MapUp = self.args.env_options.env_up.into();
-        let read = |file: &PathBuf| {
+        let read = |(file, map_up): &(PathBuf, MapUp)| {
+            let map_up = *map_up;
             let map = read_env(file, self.args.env_options.exposure)?;
             let values = latlong::to_cube(&map, resolution, map_up.orientation(up));
             let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
             let cube = Environment { resolution, activation: RadianceActivation::Identity, values };
             Ok(PackedLight { name, up: map_up, cube })
         };
-        self.args.page_env.iter().map(read).collect()
+        maps.iter().map(read).collect()
     }
 
-    /// Sentence on the error of the packed numbers.
-    fn page_error(&self, packed: &PackedScene, precision: PackPrecision) -> Result<String, Failure> {
+    /// Sentence on the error of the stored numbers.
+    fn page_error(&self, scene: &Scene, stored: &Scene, precision: PackPrecision) -> Result<String, Failure> {
         if precision == PackPrecision::Exact {
             return Ok("lossless".to_owned());
         }
@@ -91,10 +93,9 @@ impl Exporter<'_> {
         if self.args.no_error {
             return Ok(rounded.to_owned());
         }
-        let references = self.references()?;
-        let stored = PackedScene::unpack(&packed.pack(precision))?.viewed.scene;
+        let references = self.references_of(scene.clone())?;
         let work = progress::work("comparing", references.count() as u64);
-        let error = references.compare_scene(stored, None, |done| work.done(done as u64, String::new))?;
+        let error = references.compare_scene(stored.clone(), None, |done| work.done(done as u64, String::new))?;
         work.finish();
         Ok(format!("{rounded}; {error}"))
     }
@@ -110,13 +111,42 @@ impl Exporter<'_> {
         format!("{} Gaussians, {kind}; {error}. Made by specula {version}.", group_digits(count))
     }
 
-    /// Picture of the first view as a JPEG.
-    fn still(&self, viewed: &ViewedScene) -> Result<Vec<u8>, Failure> {
-        let StartView { known, first, start, .. } = StartView::new(&viewed.orientation, viewed.views.clone());
-        let camera = first.and_then(|first| known.get(first)).map_or(start, |(_, camera)| *camera);
-        let camera = camera.limited(STILL_EDGE);
-        let options: RenderOptions = self.options();
-        let mut renderer = SceneRenderer::new(viewed.scene.clone(), Channels::Color, &options)?;
-        Ok(picture::to_jpeg(&renderer.picture(&camera, viewed.background)?, STILL_QUALITY))
+    /// First picture of the page as a JPEG.
+    fn still(&self, PackedScene { viewed, lights, setup, .. }: PackedScene) -> Result<Vec<u8>, Failure> {
+        let options = self.options();
+        let mut viewer = EmbeddedViewer::new(viewed, |scene| SceneRenderer::new(scene, Channels::Layers, &options))?;
+        for light in lights {
+            viewer.add_cube(light.cube, &light.name, light.up);
+        }
+        viewer.start_under(setup)?;
+        Ok(picture::to_jpeg(&viewer.first_picture(STILL_EDGE)?, STILL_QUALITY))
+    }
+}
+
+/// Lights of a page, and the scene under its own.
+pub(super) struct PageLight {
+    scene: Scene,
+    /// Environment maps, the first one first.
+    maps: Vec<(PathBuf, MapUp)>,
+    setup: LightSetup,
+}
+
+impl PageLight {
+    /// Lights that the arguments name, for a scene under its own light.
+    pub(super) fn new(args: &Export, scene: Scene) -> Result<Self, Failure> {
+        let lights = NamedLights::read(&args.first.lamps)?;
+        let up = args.env_options.env_up.into();
+        let named = lights.env.clone().map(|map| (map, lights.up(up)));
+        let first = args.env.clone().map(|map| (map, up)).or(named);
+        let has_first = first.is_some();
+        let setup = lights.setup(has_first.then_some(1), &args.first);
+        if setup.needs_materials() && !scene.gaussians.layout.is_physical {
+            return Err(no_materials());
+        }
+        let maps: Vec<_> = first.into_iter().chain(args.page_env.iter().map(|map| (map.clone(), up))).collect();
+        if !maps.is_empty() {
+            refuse_plain(&scene)?;
+        }
+        Ok(Self { scene, maps, setup })
     }
 }

@@ -118,6 +118,7 @@ impl<A> Scene<A> {
             radiance_max: f32::MAX,
             number: 1,
             light_number: 1,
+            own_loss: None,
         };
         train_step(exec, &mut self.state, &step).expect("the executor trains")
     }

@@ -132,7 +132,7 @@ async function start() {
   addViewOptions(scene.views, (index) => jump(() => camera.showView(index)));
   light = new Light(server, initial, () => changed(true), notify);
   lamps = new Lamps(server, initial, light, camera, changed, notify);
-  const suits = () => (lamps.isDark && light.isOwn ? "view" : "physical");
+  const suits = () => (lamps.isDark && light.isOwn ? scene.shading : "physical");
   materials = new Materials(scene, initial, suits, () => !lamps.isDark, () => changed(false));
   handles = new Handles(canvas, stream, camera, lamps);
   lamps.onselect = () => handles.update();
