@@ -92,6 +92,7 @@ fn shortened(example: &str) -> String {
         ("--iterations 7500", "--iterations 20"),
         ("--iterations 60k", "--iterations 40"),
         ("--voxels 384", "--voxels 32"),
+        ("--mesh", "--mesh --voxels 32 --texture 256"),
         ("--turntable 36", "--turntable 2"),
         ("--turn-light 48", "--turn-light 2"),
         ("--size 640,480", "--size 32,24"),

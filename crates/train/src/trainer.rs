@@ -725,7 +725,8 @@ mod tests {
 
     #[test]
     fn a_loss_of_the_caller_moves_what_it_sees_and_none_changes_nothing() {
-        let depth = |loss: Option<f32>| {
+        // Less depth Σ w t means less coverage.
+        let fitted = |loss: Option<f32>| {
             let mut trainer = trainer(settings()).expect("there are views");
             if let Some(weight) = loss {
                 trainer.set_own_loss(Some(Box::new(HostLoss(move |picture: &HostPicture<'_>, grad: &mut [f32]| {
@@ -737,11 +738,11 @@ mod tests {
             take(&mut trainer, 9);
             trainer.download().expect("the CPU gives back").gaussians
         };
-        let distance = |gaussians: &Gaussians<Vec<f32>>| gaussians.get::<3>(0, MEAN)[0];
-        let (without, zero, nearer, farther) = (depth(None), depth(Some(0.0)), depth(Some(1.0)), depth(Some(-1.0)));
+        let opacity = |gaussians: &Gaussians<Vec<f32>>| gaussians.get::<1>(0, OPACITY)[0];
+        let (without, zero, less, more) = (fitted(None), fitted(Some(0.0)), fitted(Some(1.0)), fitted(Some(-1.0)));
         assert!(without == zero, "a gradient of zero");
-        // Cameras are at x = 3.
-        assert!(distance(&nearer) > distance(&without) && distance(&without) > distance(&farther));
+        let opacities = [&less, &without, &more].map(opacity);
+        assert!(opacities[0] < opacities[1] && opacities[1] < opacities[2], "{opacities:?}");
     }
 
     #[test]

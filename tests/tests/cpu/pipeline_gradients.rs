@@ -67,6 +67,8 @@ struct Scene {
 }
 
 const BASE: usize = 16;
+/// Edge of the pictures, in pixels.
+const EDGE: usize = 20;
 
 impl Scene {
     fn new(seed: u64, layout: Layout, activation: RadianceActivation, normal_form: NormalForm) -> Self {
@@ -80,11 +82,11 @@ impl Scene {
         }
         let turn = 6.0 * random::uniform(seed, 9, 0);
         let position = glam::Vec3::new(4.0 * turn.cos(), 4.0 * turn.sin(), 1.0);
-        let camera = Camera::look_at(position, glam::Vec3::ZERO, glam::Vec3::Z, 0.6, 24, 24);
+        let camera = Camera::look_at(position, glam::Vec3::ZERO, glam::Vec3::Z, 0.6, EDGE as u32, EDGE as u32);
         let draw = |index: usize| Double(f64::from(random::uniform(seed, 10, index as u64)));
         let target = Target {
-            srgb: (0..3 * 24 * 24).map(draw).collect(),
-            alpha: Some((0..24 * 24).map(|k| draw(10_000 + k)).collect()),
+            srgb: (0..3 * EDGE * EDGE).map(draw).collect(),
+            alpha: Some((0..EDGE * EDGE).map(|k| draw(10_000 + k)).collect()),
             background: [0.2, 0.5, 0.9],
         };
         Self {
