@@ -5,25 +5,37 @@ use std::collections::BTreeSet;
 
 /// Largest number of pictures of which all pairs are matched.
 pub(crate) const EXHAUSTIVE: usize = 150;
-/// Number of neighbours on each side.
-const OVERLAP: usize = 10;
-/// Largest number of pictures in the thinned sequence.
-const LOOP: usize = 60;
 
-/// Indices of pictures to match, of each pair the smaller one first, in ascending order.
-pub(crate) fn sequential(count: usize) -> Vec<[usize; 2]> {
-    let near = 1..=OVERLAP;
-    let far = core::iter::successors(Some(2 * OVERLAP), |gap| Some(2 * gap)).take_while(|gap| *gap < count);
-    let gaps: Vec<usize> = near.chain(far).collect();
-    let mut pairs: BTreeSet<[usize; 2]> = BTreeSet::new();
-    for first in 0..count {
-        pairs.extend(gaps.iter().map(|gap| [first, first + gap]).filter(|[_, second]| *second < count));
+/// Sequence of pictures, each of which shows much of the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Sequence {
+    /// Number of neighbours on each side that are matched.
+    neighbours: usize,
+    /// Largest number of pictures in the thinned sequence, of which all pairs are matched.
+    thinned: usize,
+}
+
+impl Sequence {
+    /// Photographs in the order of their names, which may go around an object several times.
+    pub(crate) const PHOTOGRAPHS: Self = Self { neighbours: 10, thinned: 60 };
+    /// Frames of one video, which are selected by the change of the view.
+    pub(crate) const VIDEO: Self = Self { neighbours: 6, thinned: 20 };
+
+    /// Indices of pictures to match, of each pair the smaller one first, in ascending order.
+    pub(crate) fn pairs(self, count: usize) -> Vec<[usize; 2]> {
+        let near = 1..=self.neighbours;
+        let doubled = core::iter::successors(Some(2 * self.neighbours), |gap| Some(2 * gap));
+        let gaps: Vec<usize> = near.chain(doubled.take_while(|gap| *gap < count)).collect();
+        let mut pairs: BTreeSet<[usize; 2]> = BTreeSet::new();
+        for first in 0..count {
+            pairs.extend(gaps.iter().map(|gap| [first, first + gap]).filter(|[_, second]| *second < count));
+        }
+        let thinned: Vec<usize> = (0..count).step_by(count.div_ceil(self.thinned).max(1)).collect();
+        for (index, first) in thinned.iter().enumerate() {
+            pairs.extend(thinned[index + 1..].iter().map(|second| [*first, *second]));
+        }
+        pairs.into_iter().collect()
     }
-    let thinned: Vec<usize> = (0..count).step_by(count.div_ceil(LOOP).max(1)).collect();
-    for (index, first) in thinned.iter().enumerate() {
-        pairs.extend(thinned[index + 1..].iter().map(|second| [*first, *second]));
-    }
-    pairs.into_iter().collect()
 }
 
 #[cfg(test)]
@@ -32,7 +44,7 @@ mod tests {
 
     #[test]
     fn neighbours_and_ends_of_a_loop_are_matched_with_few_pairs() {
-        let pairs = sequential(600);
+        let pairs = Sequence::PHOTOGRAPHS.pairs(600);
         assert!(pairs.contains(&[17, 18]) && pairs.contains(&[17, 27]) && pairs.contains(&[0, 590]), "{pairs:?}");
         assert!(pairs.len() < 600 * 599 / 2 / 10, "{}", pairs.len());
         assert!(pairs.iter().all(|[first, second]| first < second && *second < 600));
@@ -41,7 +53,14 @@ mod tests {
     #[test]
     fn short_sequences_are_matched_in_full() {
         for count in [0, 1, 2, 9, 60] {
-            assert_eq!(sequential(count).len(), count * count.saturating_sub(1) / 2, "{count}");
+            assert_eq!(Sequence::PHOTOGRAPHS.pairs(count).len(), count * count.saturating_sub(1) / 2, "{count}");
         }
+    }
+
+    #[test]
+    fn frames_of_a_video_are_matched_with_a_fraction_of_their_pairs_around_a_loop() {
+        let pairs = Sequence::VIDEO.pairs(100);
+        assert!(pairs.contains(&[41, 47]) && pairs.contains(&[0, 95]), "{pairs:?}");
+        assert!(pairs.len() < 100 * 99 / 2 / 4, "{}", pairs.len());
     }
 }

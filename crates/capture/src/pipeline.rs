@@ -8,7 +8,7 @@ use crate::{
     groups::{self, Key},
     inputs::Input,
     masks,
-    pairs::{self, EXHAUSTIVE},
+    pairs::{EXHAUSTIVE, Sequence},
     process::{CommandLine, Monitor},
     record::{Attempt, Record, Request, VideoRecord},
     video,
@@ -163,7 +163,12 @@ impl Run<'_> {
             Attempt { pictures: names.len(), size: quality.size, features: quality.features, ..Attempt::default() };
         let database = self.work.join(format!("database-{number}.db"));
         self.features(number, &database, &names, masks.as_deref(), quality, &mut attempt)?;
-        self.matches(number, &database, &names, &mut attempt)?;
+        let exhaustive = if number == 1 { EXHAUSTIVE } else { SECOND_EXHAUSTIVE };
+        let sequence = match inputs {
+            [Input::Video(_)] if number == 1 && !self.options.is_best => Some(Sequence::VIDEO),
+            _ => (names.len() > exhaustive).then_some(Sequence::PHOTOGRAPHS),
+        };
+        self.matches(number, &database, &names, sequence, &mut attempt)?;
         self.map(number, &database, names.len(), &mut attempt)?;
         self.record.attempts.truncate(number - 1);
         self.record.attempts.push(attempt);
@@ -358,10 +363,17 @@ impl Run<'_> {
         Ok(())
     }
 
-    fn matches(&mut self, number: usize, database: &Path, names: &[PathBuf], attempt: &mut Attempt) -> Result<()> {
+    /// Matches the pairs of a sequence, or all pairs.
+    fn matches(
+        &mut self,
+        number: usize,
+        database: &Path,
+        names: &[PathBuf],
+        sequence: Option<Sequence>,
+        attempt: &mut Attempt,
+    ) -> Result<()> {
         let count = names.len();
-        let limit = if number == 1 { EXHAUSTIVE } else { SECOND_EXHAUSTIVE };
-        let pairs = (count > limit).then(|| pairs::sequential(count));
+        let pairs = sequence.map(|sequence| sequence.pairs(count));
         let all = count * count.saturating_sub(1) / 2;
         attempt.matching = if pairs.is_some() { "neighbours and loops" } else { "all pairs" }.into();
         attempt.pairs = pairs.as_ref().map_or(all, Vec::len);
