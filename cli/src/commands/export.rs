@@ -94,6 +94,14 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         .try_for_each(|path| prefilter::refuse_to_replace(&path))?;
     note_oddities(&opened);
     scene::refuse_light_beside(args.env.as_deref(), args.light.number)?;
+    let is_of_materials = |format: &ExportFormat| *format == ExportFormat::TexturedMesh;
+    if args.env.is_some() && opened.scene.gaussians.layout.is_physical && formats.iter().all(is_of_materials) {
+        return Err(Failure::Input(
+            "--env has no effect on a mesh of materials, which have no light; write the light beside it, such as with \
+             -o mesh.glb light.hdr, or omit --env"
+                .to_owned(),
+        ));
+    }
     if args.env.is_none() {
         scene::settle_light(&mut opened, args.light.number)?;
     }

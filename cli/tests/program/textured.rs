@@ -183,6 +183,7 @@ fn bad_sizes_are_refused() {
     refused("ball.glb", &["--mesh", "--triangles", "99"], "100 triangles or more");
     refused("ball.glb", &["--mesh", "--texture", "32"], "from 64 to 8192");
     refused("ball.glb", &["--mesh", "--texture", "9000"], "from 64 to 8192");
+    refused("ball.glb", &["--mesh", "--env", "sunset"], "no effect on a mesh of materials");
     refused("ball.glb", &["--triangles", "500"], "--triangles applies to meshes");
     refused("ball.obj", &["--texture", "512"], "--texture applies to .glb meshes");
 }
