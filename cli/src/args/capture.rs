@@ -46,7 +46,8 @@ pub(crate) struct CaptureOptions {
     /// Frames of each video; by default three a second, 40 to 150.
     #[arg(long, value_name = "N", value_parser = positive::<u32>)]
     pub(crate) frames: Option<u32>,
-    /// Folder of masks, named like the pictures: black hides.
+    /// Folder of masks, named like the pictures: black hides. Cameras are estimated from whole
+    /// pictures, unless their surroundings stand still, as around a turntable.
     #[arg(long, value_name = "FOLDER", conflicts_with = "mask_with")]
     pub(crate) masks: Option<PathBuf>,
     /// Command that writes masks of the folder {images} to the folder {masks}.

@@ -120,7 +120,8 @@ impl Run<'_> {
         let is_best = self.options.is_best;
         self.attempt(1, inputs, if is_best { &best } else { &first })?;
         if !self.is_good(1) {
-            let masks = if self.record.masks.is_some() { ", outside of masks as well" } else { "" };
+            let is_masked = self.record.attempts[0].is_masked;
+            let masks = if is_masked { ", outside of masks as well" } else { "" };
             tracing::warn!("{}; trying again with more features and pairs{masks}", self.summary(1));
             self.attempt(2, inputs, &best)?;
         }
@@ -157,10 +158,17 @@ impl Run<'_> {
             return Ok(());
         }
         let names = self.pictures(number, inputs)?;
-        // Masks of an object may hide the texture of its surroundings, which tells cameras.
+        // Surroundings tell cameras unless they stand still, as around a turntable.
         let masks = self.masks(&names)?.filter(|_| number == 1);
+        let masks = masks.filter(|masks| masks::surroundings_stand_still(&self.images, masks, &names));
+        if masks.is_some() {
+            tracing::info!(
+                "the surroundings stand still or have no texture, so cameras are estimated within the masks"
+            );
+        }
         let mut attempt =
             Attempt { pictures: names.len(), size: quality.size, features: quality.features, ..Attempt::default() };
+        attempt.is_masked = masks.is_some();
         let database = self.work.join(format!("database-{number}.db"));
         self.features(number, &database, &names, masks.as_deref(), quality, &mut attempt)?;
         let exhaustive = if number == 1 { EXHAUSTIVE } else { SECOND_EXHAUSTIVE };

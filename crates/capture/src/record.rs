@@ -38,6 +38,9 @@ pub(crate) struct VideoRecord {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Attempt {
     pub(crate) pictures: usize,
+    /// Whether features are only those within masks.
+    #[serde(default)]
+    pub(crate) is_masked: bool,
     /// Rule of the pairs, and their number.
     pub(crate) matching: String,
     pub(crate) pairs: usize,
