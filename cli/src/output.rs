@@ -49,6 +49,14 @@ pub(crate) fn stem(path: &Path) -> String {
     stem.or_else(|| path.file_name()).unwrap_or_default().to_string_lossy().into_owned()
 }
 
+/// Name of a model: that of its file without the extension, or of its folder; of the folder above
+/// for `model`, as `specula make` writes.
+pub(crate) fn name_of_model(path: &Path) -> String {
+    let path = PathBuf::from(absolute(path));
+    let above = path.parent().filter(|_| path.ends_with("model"));
+    stem(above.unwrap_or(&path))
+}
+
 /// Rejects a path with `..` after a folder that does not exist: once the folder exists, the path
 /// may lead elsewhere, past all checks.
 fn refuse_detour(path: &Path) -> Result<(), Failure> {
@@ -119,4 +127,15 @@ pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
 /// [`Failure::File`] if the file cannot be written.
 pub(crate) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     Ok(whole_file::write_bytes(path, bytes)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_model_that_make_wrote_has_the_name_of_its_folder() {
+        let name = |path: &str| name_of_model(Path::new(path));
+        assert_eq!([name("out/vase"), name("out/vase/model"), name("vase.ply")], ["vase", "vase", "vase"]);
+    }
 }

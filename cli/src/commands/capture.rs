@@ -12,7 +12,7 @@ use serde_json::json;
 use specula_capture::{Error, Evidence, Finding, Look, Monitor, Options, Outcome, command_text};
 use specula_io::{dataset::LoadOptions, reconstruction::Reconstruction};
 use specula_scene::{
-    dataset::{Dataset, count_pictures},
+    dataset::{Dataset, picture_names},
     text::shown,
 };
 use specula_train::view::View;
@@ -80,9 +80,13 @@ pub(crate) fn findings(folder: &Path, data: &Dataset) -> Result<Vec<Finding>, Fa
     let looks: Vec<Look> = views.iter().map(look).collect();
     let positions: Vec<[f64; 3]> = views.iter().map(|view| view.camera.position.to_array().map(f64::from)).collect();
     let orientation = data.orientation.as_ref().map(|found| (found.up, found.centre));
-    let pictures = count_pictures(&folder.join("images")).max(views.len());
+    let pictures = picture_names(&folder.join("images"));
+    let registered = reconstruction.as_ref().map_or(&[][..], |found| &found.pictures);
+    let lost = pictures.iter().filter(|name| registered.iter().all(|picture| picture.name != **name)).cloned();
+    let lost: Vec<String> = lost.collect();
     let evidence = Evidence {
-        pictures,
+        pictures: pictures.len().max(views.len()),
+        lost: &lost,
         reconstruction: reconstruction.as_ref(),
         looks: &looks,
         orientation,

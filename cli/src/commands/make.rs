@@ -31,7 +31,9 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
         )));
     }
     let loaded = progress::silently(|| dataset::load(&data, &LoadOptions::default()))?;
-    let findings: Vec<String> = capture::findings(&data, &loaded)?.iter().map(capture::sentence).collect();
+    let findings = capture::findings(&data, &loaded)?;
+    let has_drift = findings.iter().any(|finding| finding.kind == "exposure");
+    let findings: Vec<String> = findings.iter().map(capture::sentence).collect();
     findings.iter().for_each(|finding| tracing::warn!("{finding}"));
 
     let mut commands = Commands::default();
@@ -42,7 +44,9 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     } else {
         7000
     };
-    commands.train(&data, &model, iterations, &training_options(args, &loaded))?;
+    let mut options = training_options(args, &loaded);
+    options.extend(has_drift.then(|| "--exposure".to_owned()));
+    commands.train(&data, &model, iterations, &options)?;
     commands.run(&["eval", &text(&model)])?;
     let size = size_of(&loaded);
     // Surroundings that no mask cuts out would reflect the object as a mirror.

@@ -13,11 +13,7 @@ use specula_scene::{OpenedModel, RenderOptions, Scene, dataset};
 use specula_viewer::{
     AddedLight, LiveTraining, PhotographSource, ViewedScene, Viewer, ViewerError, ViewerOptions, ViewerThread,
 };
-use std::{
-    io::IsTerminal,
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::{io::IsTerminal, path::PathBuf, sync::Arc};
 
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(args: &View) -> Result<(), Failure> {
@@ -31,7 +27,7 @@ pub(crate) fn run(args: &View) -> Result<(), Failure> {
     let background = background_of(&opened, args.background).0;
     let orientation = opened.orientation(args.scene_options.scene_up.map(Into::into))?;
     let photographs = photographs_of(&opened);
-    let scene = ViewedScene::of_model(name_of(&args.scene), opened)?;
+    let scene = ViewedScene::of_model(output::name_of_model(&args.scene), opened)?;
     let scene = ViewedScene { orientation, photographs, background, ..scene };
     let render = (&args.scene_options.renderer).into();
     let options = ViewerOptions { address: args.listen, token: args.token.clone(), render };
@@ -117,11 +113,6 @@ pub(crate) fn watch(
     print_urls(&viewer)?;
     let until = args.watch.view_until.unwrap_or_else(ViewUntil::default_of_stdout);
     Ok(Watching { live, viewer: viewer.spawn(interrupt::is_requested), until })
-}
-
-/// Name of a file without its extension, or of a folder.
-fn name_of(path: &Path) -> String {
-    output::stem(Path::new(&output::absolute(path)))
 }
 
 /// Photographs of a model, if the data set of its training still exists.

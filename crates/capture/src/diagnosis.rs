@@ -39,6 +39,8 @@ pub struct Finding {
 pub struct Evidence<'a> {
     /// Number of pictures of the folder, with a camera or without.
     pub pictures: usize,
+    /// Names of those without a camera.
+    pub lost: &'a [String],
     /// Cameras and points.
     pub reconstruction: Option<&'a Reconstruction>,
     /// Sharpness and brightness of pictures.
@@ -66,20 +68,30 @@ pub(crate) fn of_failure(pictures: usize, connected: u64) -> String {
 
 /// Findings, the most serious first; none for a good data set.
 pub fn findings(evidence: &Evidence<'_>) -> Vec<Finding> {
-    let of_model = evidence.reconstruction.map(|model| of_reconstruction(model, evidence.pictures)).unwrap_or_default();
+    let of_model = evidence
+        .reconstruction
+        .map(|model| of_reconstruction(model, evidence.pictures, evidence.lost))
+        .unwrap_or_default();
     let mut found = of_model;
     found.extend(of_looks(evidence.looks));
     found.extend(gap(evidence));
     found
 }
 
-fn of_reconstruction(model: &Reconstruction, pictures: usize) -> Vec<Finding> {
+fn of_reconstruction(model: &Reconstruction, pictures: usize, lost: &[String]) -> Vec<Finding> {
+    /// Largest number of names in a sentence.
+    const NAMED: usize = 6;
     let mut found = Vec::new();
     let registered = model.pictures.len();
     if (registered as f64) < REGISTERED_MIN * pictures as f64 {
+        let mut names = lost[..lost.len().min(NAMED)].join(", ");
+        if lost.len() > NAMED {
+            names += &format!(" and {} more", lost.len() - NAMED);
+        }
+        let names = if names.is_empty() { names } else { format!(", not {names}") };
         found.push(Finding {
             kind: "registered",
-            cause: format!("{registered} of {pictures} pictures have a camera"),
+            cause: format!("{registered} of {pictures} pictures have a camera{names}"),
             remedy: "add pictures between those with a camera and the others, each overlapping the next by two thirds",
         });
     }
@@ -233,8 +245,14 @@ mod tests {
         let model = model(&positions);
         let looks = vec![look(0.4, 0.5); 24];
         let orientation = Some(([0.0, 0.0, 1.0], [0.0; 3]));
-        let evidence =
-            Evidence { pictures: 24, reconstruction: Some(&model), looks: &looks, orientation, positions: &positions };
+        let evidence = Evidence {
+            pictures: 24,
+            reconstruction: Some(&model),
+            looks: &looks,
+            orientation,
+            positions: &positions,
+            ..Evidence::default()
+        };
         assert_eq!(kinds(&evidence), [""; 0]);
     }
 
@@ -246,6 +264,9 @@ mod tests {
             kinds(&Evidence { pictures, reconstruction: Some(model), ..Evidence::default() })
         };
         assert_eq!(of(40, &good), ["registered"]);
+        let lost = ["a.jpg", "b.jpg"].map(str::to_owned);
+        let few = Evidence { pictures: 40, lost: &lost, reconstruction: Some(&good), ..Evidence::default() };
+        assert!(findings(&few)[0].cause.ends_with("24 of 40 pictures have a camera, not a.jpg, b.jpg"));
         assert_eq!(of(24, &Reconstruction { others: vec![10], ..good.clone() }), ["models"]);
         let turned: Vec<_> = positions.iter().map(|[x, y, _]| [4.0 + 0.01 * x, 0.01 * y, 0.0]).collect();
         assert_eq!(of(24, &model(&turned)), ["baseline"]);

@@ -232,11 +232,23 @@ impl Misplaced {
     }
 }
 
-/// Number of pictures of a folder and the folders below that are read.
-pub fn count_pictures(folder: &Path) -> usize {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let paths = entries.filter(|entry| !entry.file_name().to_string_lossy().starts_with('.')).map(|entry| entry.path());
-    paths.map(|path| if path.is_dir() { count_pictures(&path) } else { usize::from(has_image_ending(&path)) }).sum()
+/// Pictures of a folder and the folders below that are read, by their paths from it with slashes, in
+/// order.
+pub fn picture_names(folder: &Path) -> Vec<String> {
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let (name, path) = (entry.file_name().to_string_lossy().into_owned(), entry.path());
+        if name.starts_with('.') {
+            continue;
+        }
+        if path.is_dir() {
+            names.extend(picture_names(&path).into_iter().map(|below| format!("{name}/{below}")));
+        } else if has_image_ending(&path) {
+            names.push(name);
+        }
+    }
+    names.sort();
+    names
 }
 
 /// Returns whether a folder has files of a data set.

@@ -35,9 +35,9 @@ impl Exporter<'_> {
     /// Writes a page as a file, or as a folder.
     pub(super) fn write_page(&self, path: &Path, is_folder: bool) -> Result<(), Failure> {
         let precision = if self.args.page_exact { PackPrecision::Exact } else { PackPrecision::Quantised };
-        let PageLight { scene, maps, setup } = self.page.as_ref().expect("a page is requested");
+        let PageLight { scene, maps, exposure, setup } = self.page.as_ref().expect("a page is requested");
         let kept = visible(&scene.gaussians, self.args.min_opacity);
-        let (viewed, lights) = (self.viewed(scene.kept(&kept))?, self.page_lights(maps)?);
+        let (viewed, lights) = (self.viewed(scene.kept(&kept))?, self.page_lights(maps, *exposure)?);
         let count = viewed.scene.gaussians.count;
         let mut packed = PackedScene { viewed, lights, setup: setup.clone(), caption: String::new() };
         let stored = PackedScene::unpack(&packed.pack(precision))?;
@@ -58,7 +58,7 @@ impl Exporter<'_> {
 
     fn viewed(&self, scene: Scene) -> Result<ViewedScene, Failure> {
         Ok(ViewedScene {
-            name: output::stem(Path::new(&output::absolute(&self.args.model))),
+            name: output::name_of_model(&self.args.model),
             scene,
             views: self.opened.cameras()?,
             held_out: self.opened.test_views().unwrap_or(0),
@@ -70,12 +70,12 @@ impl Exporter<'_> {
     }
 
     /// Environment maps to choose from.
-    fn page_lights(&self, maps: &[(PathBuf, MapUp)]) -> Result<Vec<PackedLight>, Failure> {
+    fn page_lights(&self, maps: &[(PathBuf, MapUp)], exposure: f32) -> Result<Vec<PackedLight>, Failure> {
         let up = orientation::up(&self.opened.orientation(self.args.scene_options.scene_up.map(Into::into))?);
         let resolution = self.scene().resolution_of_others();
         let read = |(file, map_up): &(PathBuf, MapUp)| {
             let map_up = *map_up;
-            let map = read_env(file, self.args.env_options.exposure)?;
+            let map = read_env(file, exposure)?;
             let values = latlong::to_cube(&map, resolution, map_up.orientation(up));
             let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
             let cube = Environment { resolution, activation: RadianceActivation::Identity, values };
@@ -128,6 +128,8 @@ pub(super) struct PageLight {
     scene: Scene,
     /// Environment maps, the first one first.
     maps: Vec<(PathBuf, MapUp)>,
+    /// Exposure of the maps in stops, in addition to that of the page.
+    exposure: f32,
     setup: LightSetup,
 }
 
@@ -138,8 +140,13 @@ impl PageLight {
         let up = args.env_options.env_up.into();
         let named = lights.env.clone().map(|map| (map, lights.up(up)));
         let first = args.env.clone().map(|map| (map, up)).or(named);
-        let has_first = first.is_some();
-        let setup = lights.setup(has_first.then_some(1), &args.first);
+        let mut setup = lights.setup(first.as_ref().map(|_| 1), &args.first);
+        let mut exposure = args.env_options.exposure;
+        if first.is_some() {
+            // The page starts with it.
+            setup.exposure += exposure;
+            exposure = 0.0;
+        }
         if setup.needs_materials() && !scene.gaussians.layout.is_physical {
             return Err(no_materials());
         }
@@ -147,6 +154,6 @@ impl PageLight {
         if !maps.is_empty() {
             refuse_plain(&scene)?;
         }
-        Ok(Self { scene, maps, setup })
+        Ok(Self { scene, maps, exposure, setup })
     }
 }
