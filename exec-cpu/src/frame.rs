@@ -201,7 +201,7 @@ impl Frame {
         });
     }
 
-    /// Gradient of this picture from its planes, the inverse of [`FrameGrad::read`].
+    /// Gradient of this picture from its planes, row by row like those of [`Frame::read`].
     pub fn grad(&self, planes: &[f32]) -> FrameGrad {
         let mut values = self.blended.clone();
         values.fill([0.0; BLOCK]);
