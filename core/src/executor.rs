@@ -892,7 +892,7 @@ pub trait ReadBack: Executor {
     ///
     /// # Errors
     ///
-    /// [`BufferLength`] if `planes` does not have the length of the frame's values; [`Unsupported`],
+    /// [`BufferLength`], where `planes` has not the length of the frame's values; [`Unsupported`],
     /// where the executor does not read them back; otherwise the error of the executor.
     fn read_frame_grad(
         &mut self,

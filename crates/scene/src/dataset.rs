@@ -232,7 +232,7 @@ impl Misplaced {
     }
 }
 
-/// Pictures of a folder and the folders below that are read, by their paths from it with slashes, in
+/// Pictures of a folder and the folders below that are read: their paths from it, with slashes, in
 /// order.
 pub fn picture_names(folder: &Path) -> Vec<String> {
     let mut names = Vec::new();

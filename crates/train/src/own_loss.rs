@@ -8,9 +8,11 @@
 //! use specula_train::own_loss::{HostLoss, HostPicture};
 //! # use specula_train::{profile::by_name, trainer::{Settings, Trainer}, view::View};
 //! # let camera = Camera::look_at(Vec3::new(0.0, -3.0, 0.5), Vec3::ZERO, Vec3::Z, 0.7, 32, 32);
-//! # let views = [View { name: "grey".into(), camera, rgba: [100, 100, 100, 255].repeat(32 * 32), normals: None }];
+//! # let rgba = [100, 100, 100, 255].repeat(32 * 32);
+//! # let views = [View { name: "grey".into(), camera, rgba, normals: None }];
 //! # let profile = by_name("specula", 10).expect("a profile that there is");
-//! # let settings = Settings { profile, iterations: 10, seed: 0, background: [1.0; 3], random_points: 500 };
+//! # let (iterations, background) = (10, [1.0; 3]);
+//! # let settings = Settings { profile, iterations, seed: 0, background, random_points: 500 };
 //! # let mut trainer = Trainer::new(CpuExecutor::new(), settings, &views, &[])?;
 //! // Draws the accumulated depth Σ w t towards 3.
 //! let loss = HostLoss(|picture: &HostPicture<'_>, grad: &mut [f32]| {
