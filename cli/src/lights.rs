@@ -12,7 +12,7 @@ use serde::Deserialize;
 use specula_core::lamps::check;
 use specula_io::budget::FACTS;
 use specula_scene::{
-    Lighting, OpenedModel, RenderOptions, SceneError, Shading, Surface,
+    Lighting, OpenedModel, RenderOptions, Scene, SceneError, Shading, Surface,
     foreground::Foreground,
     ground::GroundPlane,
     lamps::{SphereChoice, SunChoice, direction, shadow_surface, share_in_shadow},
@@ -86,13 +86,27 @@ impl NamedLights {
         Ok(Self { env, env_up, exposure, turn, has_ground, suns, spheres })
     }
 
+    /// First lights of a page of a scene.
+    ///
+    /// # Errors
+    ///
+    /// A file that cannot be read or parsed; lamps or ground on a scene without physical materials.
+    pub(crate) fn first(options: &FirstLights, scene: &Scene) -> Result<Self, Failure> {
+        let mut lights = Self::read(&options.lamps)?;
+        lights.has_ground |= options.ground;
+        if lights.has_lamps() || lights.has_ground {
+            refuse_without_materials(scene)?;
+        }
+        Ok(lights)
+    }
+
     /// Up direction of the environment map: that of the command line, unless it is the default.
     pub(crate) fn up(&self, asked: MapUp) -> MapUp {
         if asked == MapUp::Scene { self.env_up } else { asked }
     }
 
     /// Whether there are suns or lamps.
-    pub(crate) fn has_lamps(&self) -> bool {
+    fn has_lamps(&self) -> bool {
         !self.suns.is_empty() || !self.spheres.is_empty()
     }
 
@@ -105,16 +119,19 @@ impl NamedLights {
             None => SetupEnvironment::Scene,
         };
         let Self { turn, exposure, suns, spheres, has_ground, .. } = self;
-        LightSetup { environment, turn, exposure, suns, spheres, has_ground: has_ground || options.ground }
+        LightSetup { environment, turn, exposure, suns, spheres, has_ground }
     }
 }
 
-/// Failure of lamps on a scene without physical materials.
-pub(crate) fn no_materials() -> Failure {
-    Failure::Input(format!(
+/// Rejects lamps on a scene without physical materials.
+fn refuse_without_materials(scene: &Scene) -> Result<(), Failure> {
+    if scene.gaussians.layout.is_physical {
+        return Ok(());
+    }
+    Err(Failure::Input(format!(
         "{}, so suns and lamps cannot light it; train it with --relightable, or use only an environment map",
         SceneError::NoMaterials
-    ))
+    )))
 }
 
 impl LightPlan {
@@ -207,8 +224,8 @@ impl LightPlan {
     ) -> Result<Lighting, Failure> {
         refuse_plain(&opened.scene)?;
         let mut lighting = self.lighting.clone();
-        if lighting.has_lamps() && !opened.scene.gaussians.layout.is_physical {
-            return Err(no_materials());
+        if lighting.has_lamps() {
+            refuse_without_materials(&opened.scene)?;
         }
         lighting.map = self.env.as_deref().map(|path| read_env(path, self.options.exposure)).transpose()?;
         if lighting.has_lamps() || self.has_ground() {

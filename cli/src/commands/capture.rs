@@ -16,7 +16,10 @@ use specula_scene::{
     text::shown,
 };
 use specula_train::view::View;
-use std::path::{Path, PathBuf};
+use std::{
+    collections::HashSet,
+    path::{Path, PathBuf},
+};
 
 /// Captures, diagnoses, and names the next command.
 pub(crate) fn run(args: &Capture) -> Result<(), Failure> {
@@ -81,9 +84,9 @@ pub(crate) fn findings(folder: &Path, data: &Dataset) -> Result<Vec<Finding>, Fa
     let positions: Vec<[f64; 3]> = views.iter().map(|view| view.camera.position.to_array().map(f64::from)).collect();
     let orientation = data.orientation.as_ref().map(|found| (found.up, found.centre));
     let pictures = picture_names(&folder.join("images"));
-    let registered = reconstruction.as_ref().map_or(&[][..], |found| &found.pictures);
-    let lost = pictures.iter().filter(|name| registered.iter().all(|picture| picture.name != **name)).cloned();
-    let lost: Vec<String> = lost.collect();
+    let registered = reconstruction.iter().flat_map(|found| &found.pictures);
+    let registered: HashSet<&str> = registered.map(|picture| picture.name.as_str()).collect();
+    let lost: Vec<String> = pictures.iter().filter(|name| !registered.contains(name.as_str())).cloned().collect();
     let evidence = Evidence {
         pictures: pictures.len().max(views.len()),
         lost: &lost,

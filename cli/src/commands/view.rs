@@ -4,7 +4,7 @@ use crate::{
     args::{Train, View, ViewUntil},
     failure::Failure,
     interrupt,
-    lights::{NamedLights, no_materials},
+    lights::NamedLights,
     output,
     scene::{self, background_of, light_input, note_oddities},
 };
@@ -20,10 +20,7 @@ pub(crate) fn run(args: &View) -> Result<(), Failure> {
     let mut opened = scene::open_as(&args.scene, &args.scene_options)?;
     scene::settle_light(&mut opened, args.light.number)?;
     note_oddities(&opened);
-    let lights = NamedLights::read(&args.first.lamps)?;
-    if (lights.has_lamps() || args.first.ground) && !opened.scene.gaussians.layout.is_physical {
-        return Err(no_materials());
-    }
+    let lights = NamedLights::first(&args.first, &opened.scene)?;
     let background = background_of(&opened, args.background).0;
     let orientation = opened.orientation(args.scene_options.scene_up.map(Into::into))?;
     let photographs = photographs_of(&opened);

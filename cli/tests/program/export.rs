@@ -674,7 +674,7 @@ fn a_plain_scene_is_written_as_it_is() {
 }
 
 /// The command fails with one sentence that has these words, and writes nothing.
-fn refuses(tiny: &Tiny, model: &Path, name: &str, extra: &[&str], words: &[&str]) {
+pub(crate) fn refuses(tiny: &Tiny, model: &Path, name: &str, extra: &[&str], words: &[&str]) {
     let mut command = specula();
     command.arg("export").arg(model).arg("-o").arg(tiny.path(name)).args(extra);
     let output = command.assert().code(2).get_output().clone();

@@ -1,6 +1,7 @@
 //! Pages of `specula export`: what a browser with WebGPU makes of them, without any server.
 
 use crate::browser::{Browser, Page};
+use crate::export::refuses;
 use crate::site::Site;
 use crate::tiny::{Tiny, psnr, specula, train};
 use crate::view::{dropped, relightable, share_that_differs, shown, sky};
@@ -215,14 +216,8 @@ fn a_page_starts_under_the_lights_of_the_command_line() {
     assert!(found > STILL, "the still picture: {found} dB");
 
     let plain = trained(&tiny, &[]);
-    for (model, words, word) in [
-        (&plain, ["-o", "x.html", "--sun", "30,45"], "--relightable"),
-        (&model, ["-o", "x.ply", "--sun", "30,45"], "pages"),
-    ] {
-        let output = specula().current_dir(tiny.path("")).arg("export").arg(model).args(words).output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.code() == Some(2) && said.contains(word), "{words:?}: {said}");
-    }
+    refuses(&tiny, &plain, "x.html", &["--sun", "30,45"], &["--relightable"]);
+    refuses(&tiny, &model, "x.ply", &["--sun", "30,45"], &["pages"]);
 
     let Some(browser) = browser() else { return };
     let page = browser.open(&url(&file), [SMALL_WINDOW; 2]);

@@ -68,11 +68,10 @@ pub(crate) fn of_failure(pictures: usize, connected: u64) -> String {
 
 /// Findings, the most serious first; none for a good data set.
 pub fn findings(evidence: &Evidence<'_>) -> Vec<Finding> {
-    let of_model = evidence
-        .reconstruction
-        .map(|model| of_reconstruction(model, evidence.pictures, evidence.lost))
-        .unwrap_or_default();
-    let mut found = of_model;
+    let mut found = match evidence.reconstruction {
+        Some(model) => of_reconstruction(model, evidence.pictures, evidence.lost),
+        None => Vec::new(),
+    };
     found.extend(of_looks(evidence.looks));
     found.extend(gap(evidence));
     found

@@ -24,9 +24,7 @@ pub(crate) fn copy(from: &Path, images: &Path, names: &[PathBuf], to: &Path) -> 
         )));
     }
     for (name, mask) in &pairs {
-        let mut file = to.join(name).into_os_string();
-        file.push(".png");
-        let file = PathBuf::from(file);
+        let file = mask_of(to, name);
         if !file.is_file() {
             let read = |path: &Path| {
                 image::open(path).map_err(|error| Error::Input(format!("{path:?} cannot be read: {error}")))
@@ -54,6 +52,13 @@ pub(crate) fn copy(from: &Path, images: &Path, names: &[PathBuf], to: &Path) -> 
     Ok([pairs.len(), found.unused.len()])
 }
 
+/// Mask of a picture in a folder of masks.
+fn mask_of(folder: &Path, name: &Path) -> PathBuf {
+    let mut file = folder.join(name).into_os_string();
+    file.push(".png");
+    file.into()
+}
+
 /// Pairs of pictures whose surroundings are compared, and the size that they are compared in.
 const COMPARED: usize = 8;
 const COMPARED_SIZE: u32 = 96;
@@ -67,11 +72,7 @@ const EVEN: f64 = 6.0;
 /// object on a turntable are, or have no texture. Such surroundings tell no cameras.
 pub(crate) fn surroundings_stand_still(images: &Path, masks: &Path, names: &[PathBuf]) -> bool {
     let small = |path: &Path| Some(image::open(path).ok()?.thumbnail_exact(COMPARED_SIZE, COMPARED_SIZE).to_luma8());
-    let masked = |name: &PathBuf| {
-        let mut mask = masks.join(name).into_os_string();
-        mask.push(".png");
-        Some((small(&images.join(name))?, small(Path::new(&mask))?))
-    };
+    let masked = |name: &PathBuf| Some((small(&images.join(name))?, small(&mask_of(masks, name))?));
     let step = (names.len() / COMPARED).max(1);
     let pairs = names.windows(2).step_by(step).filter_map(|pair| Some([masked(&pair[0])?, masked(&pair[1])?]));
     let mut differences: Vec<f64> = pairs.filter_map(|[one, other]| difference(&one, &other)).collect();

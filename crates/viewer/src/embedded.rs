@@ -5,21 +5,17 @@ use crate::{
     http::HttpError,
     lights::Lights,
     new_light::{LIGHT_MAX, UploadParameters, refuse_large, too_large},
+    packed::{PackedLight, PackedScene},
     request::{Content, FrameRequest, LightSetting, query},
     setup::LightSetup,
-    viewed::{PreparedScene, Start, ViewedScene, described},
+    viewed::{PreparedScene, Start, described},
     worker::{PlannedPicture, RenderWorker},
 };
 use axum::http::Uri;
 use serde_json::Value;
-use specula_core::{
-    camera::Camera,
-    pack::Storage,
-    rules::RenderRules,
-    scene::{Environment, Image},
-};
+use specula_core::{camera::Camera, pack::Storage, rules::RenderRules, scene::Image};
 use specula_io::{Input, picture::RgbImage};
-use specula_scene::{Layer, Scene, SceneError, SceneRenderer, light_file::MapUp};
+use specula_scene::{Layer, Scene, SceneError, SceneRenderer};
 use std::sync::Arc;
 
 /// Viewer within a program that renders the requested pictures, such as a page in a browser.
@@ -76,35 +72,24 @@ pub struct ShownFrame {
 }
 
 impl EmbeddedViewer {
-    /// Viewer of a scene on the renderer that `load` returns.
+    /// Viewer of a page's scene and lights, on the renderer that `load` returns.
     ///
     /// # Errors
     ///
-    /// Those of `load`.
+    /// Those of `load`; a first light with numbers out of range, or with suns, lamps or ground on a
+    /// scene without physical materials.
     pub fn new(
-        viewed: ViewedScene,
+        packed: PackedScene,
         load: impl FnOnce(Scene) -> Result<SceneRenderer, SceneError>,
     ) -> Result<Self, ViewerError> {
+        let PackedScene { viewed, lights: added, setup, .. } = packed;
         let PreparedScene { mut worker, lights, description, start } = viewed.prepare(Storage::F32, load)?;
         worker.cast_known_shadows();
-        Ok(Self { worker, lights, description, setup: LightSetup::default(), start })
-    }
-
-    /// Adds a light, a cube map that had the file name `name` as a lat-long map; returns its
-    /// identifier.
-    pub fn add_cube(&self, cube: Environment<Vec<f32>>, name: &str, up: MapUp) -> u32 {
-        self.lights.add_cube(cube, name, up).id
-    }
-
-    /// Sets the first light of the page.
-    ///
-    /// # Errors
-    ///
-    /// Numbers out of range; suns, lamps or ground on a scene without physical materials.
-    pub fn start_under(&mut self, setup: LightSetup) -> Result<(), ViewerError> {
-        setup.check(self.description["physical"] == true)?;
-        self.setup = setup;
-        Ok(())
+        setup.check(description["physical"] == true)?;
+        for PackedLight { cube, name, up } in added {
+            lights.add_cube(cube, &name, up);
+        }
+        Ok(Self { worker, lights, description, setup, start })
     }
 
     /// First picture of the page, with this longer edge at most, for renderers that wait for their

@@ -91,7 +91,8 @@ impl LightSetup {
     ///
     /// [`ViewerError::Request`] with the valid range; [`SceneError::NoMaterials`].
     pub(crate) fn check(&self, is_physical: bool) -> Result<(), ViewerError> {
-        if self.needs_materials() && !is_physical {
+        let needs_materials = self.has_ground || !self.suns.is_empty() || !self.spheres.is_empty();
+        if needs_materials && !is_physical {
             return Err(SceneError::NoMaterials.into());
         }
         self.settings().map(drop).map_err(ViewerError::Request)
@@ -105,11 +106,6 @@ impl LightSetup {
     pub(crate) fn settings(&self) -> Result<(LightSetting, LampSetting), String> {
         let lamps = LampSetting::new(self.suns.clone(), self.spheres.clone(), RAYS)?;
         Ok((LightSetting::new(self.id(), self.turn, self.exposure)?, lamps))
-    }
-
-    /// Whether only physical materials can be shown under this light.
-    pub fn needs_materials(&self) -> bool {
-        self.has_ground || !self.suns.is_empty() || !self.spheres.is_empty()
     }
 
     const fn id(&self) -> u32 {

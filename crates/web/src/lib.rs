@@ -122,7 +122,7 @@ impl WebViewer {
 
 impl WebViewer {
     fn on(gpu: Gpu, packed: PackedScene) -> Result<Self, ViewerError> {
-        let PackedScene { viewed, lights, setup, caption } = packed;
+        let caption = packed.caption.clone();
         let mut loaded = None;
         let load = |scene: Scene| {
             let mut exec = GpuExecutor::viewer(gpu, Storage::F32);
@@ -131,11 +131,7 @@ impl WebViewer {
             loaded = Some(shared.clone());
             Ok(SceneRenderer::with_backend(Box::new(shared), &scene, Channels::Layers))
         };
-        let mut viewer = EmbeddedViewer::new(viewed, load)?;
-        for light in lights {
-            viewer.add_cube(light.cube, &light.name, light.up);
-        }
-        viewer.start_under(setup)?;
+        let viewer = EmbeddedViewer::new(packed, load)?;
         let scene = loaded.expect("the scene was loaded");
         Ok(Self { viewer: Rc::new(RefCell::new(viewer)), scene, caption })
     }

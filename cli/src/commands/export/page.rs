@@ -4,7 +4,7 @@ use super::Exporter;
 use crate::{
     args::Export,
     failure::Failure,
-    lights::{NamedLights, no_materials},
+    lights::NamedLights,
     output, progress,
     scene::{read_env, refuse_plain},
 };
@@ -112,13 +112,9 @@ impl Exporter<'_> {
     }
 
     /// First picture of the page as a JPEG.
-    fn still(&self, PackedScene { viewed, lights, setup, .. }: PackedScene) -> Result<Vec<u8>, Failure> {
+    fn still(&self, packed: PackedScene) -> Result<Vec<u8>, Failure> {
         let options = self.options();
-        let mut viewer = EmbeddedViewer::new(viewed, |scene| SceneRenderer::new(scene, Channels::Layers, &options))?;
-        for light in lights {
-            viewer.add_cube(light.cube, &light.name, light.up);
-        }
-        viewer.start_under(setup)?;
+        let mut viewer = EmbeddedViewer::new(packed, |scene| SceneRenderer::new(scene, Channels::Layers, &options))?;
         Ok(picture::to_jpeg(&viewer.first_picture(STILL_EDGE)?, STILL_QUALITY))
     }
 }
@@ -136,7 +132,7 @@ pub(super) struct PageLight {
 impl PageLight {
     /// Lights that the arguments name, for a scene under its own light.
     pub(super) fn new(args: &Export, scene: Scene) -> Result<Self, Failure> {
-        let lights = NamedLights::read(&args.first.lamps)?;
+        let lights = NamedLights::first(&args.first, &scene)?;
         let up = args.env_options.env_up.into();
         let named = lights.env.clone().map(|map| (map, lights.up(up)));
         let first = args.env.clone().map(|map| (map, up)).or(named);
@@ -146,9 +142,6 @@ impl PageLight {
             // The page starts with it.
             setup.exposure += exposure;
             exposure = 0.0;
-        }
-        if setup.needs_materials() && !scene.gaussians.layout.is_physical {
-            return Err(no_materials());
         }
         let maps: Vec<_> = first.into_iter().chain(args.page_env.iter().map(|map| (map.clone(), up))).collect();
         if !maps.is_empty() {
