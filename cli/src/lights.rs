@@ -9,13 +9,13 @@ use crate::{
 use core::{fmt::Display, str::FromStr};
 use glam::Vec3;
 use serde::Deserialize;
-use specula_core::lamps::check;
+use specula_core::lamps::{Lamp, check};
 use specula_io::budget::FACTS;
 use specula_scene::{
     Lighting, OpenedModel, RenderOptions, Scene, SceneError, Shading, Surface,
     foreground::Foreground,
     ground::GroundPlane,
-    lamps::{SphereChoice, SunChoice, direction, shadow_surface, share_in_shadow},
+    lamps::{SphereChoice, SunChoice, direction, lamps_of, shadow_surface, share_in_shadow},
     light_file::{LightOptions, MapUp},
     picture_folder::light_differences,
 };
@@ -51,7 +51,7 @@ struct LightFile {
 }
 
 /// Lights of a file, if one is named, and the suns and lamps of the command line.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct NamedLights {
     /// File of an environment map that the file of lights names.
     pub(crate) env: Option<PathBuf>,
@@ -108,6 +108,11 @@ impl NamedLights {
     /// Whether there are suns or lamps.
     fn has_lamps(&self) -> bool {
         !self.suns.is_empty() || !self.spheres.is_empty()
+    }
+
+    /// Suns and lamps in a scene with this up direction.
+    pub(crate) fn lamps(&self, up: Vec3) -> Vec<Lamp> {
+        lamps_of(&self.suns, &self.spheres, up, self.turn)
     }
 
     /// First light of a page: the environment map that the page has under this identifier, else

@@ -260,18 +260,24 @@ impl Camera {
         }
     }
 
-    /// The same view as a picture turned by the multiple of 90° after which the direction `up` in
-    /// the world points most nearly up; unchanged if `up` is along the line of sight.
+    /// Clockwise turns of the picture by 90°, 0 to 3, after which the direction `up` in the world
+    /// points most nearly up; 0 if `up` is along the line of sight.
     #[must_use]
-    pub fn upright(&self, up: GlamVec3) -> Self {
+    pub fn turns_upright(&self, up: GlamVec3) -> usize {
         let up = self.camera_from_world * up;
         let is_across = up.x.abs() > up.y.abs();
         match (is_across, up.x > 0.0, up.y > 0.0) {
-            (true, false, _) => self.turned_clockwise(),
-            (true, true, _) => self.turned_clockwise().turned_clockwise().turned_clockwise(),
-            (false, _, true) => self.turned_clockwise().turned_clockwise(),
-            (false, _, false) => *self,
+            (true, false, _) => 1,
+            (true, true, _) => 3,
+            (false, _, true) => 2,
+            (false, _, false) => 0,
         }
+    }
+
+    /// The same view as a picture turned by [`Camera::turns_upright`].
+    #[must_use]
+    pub fn upright(&self, up: GlamVec3) -> Self {
+        (0..self.turns_upright(up)).fold(*self, |camera, _| camera.turned_clockwise())
     }
 
     /// Tiles that the rendered part of the picture touches.

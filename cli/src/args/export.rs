@@ -18,7 +18,7 @@ use std::path::PathBuf;
 /// Light: .hdr or .exr, lat-long; .ktx2, prefiltered as by specula prefilter, and described in a
 /// .json of the same name. Mesh: .obj, or .ply with --mesh, fused from rendered depth maps; .glb
 /// with --mesh, a smoother mesh of fewer triangles with textures of a model's physical materials
-/// and normals, for engines and path tracers. Page: .html, one file with the scene and a renderer
+/// and normals, for engines and path tracers, and --sun, --lamp and --lights as its lights. Page: .html, one file with the scene and a renderer
 /// that any browser with WebGPU runs, where it can be relit; or a folder for a web server, whose
 /// name ends in a slash. A page starts under --env, with --sun, --lamp and --lights, on --ground.
 ///
@@ -42,6 +42,7 @@ Examples:
   specula export out/garden -o garden.splat --upright           # photographs, upright
   specula export out/chair -o chair.obj --voxels 384
   specula export out/spheres -o spheres.glb --mesh              # for engines
+  specula export out/spheres -o blender.glb sunset.hdr --mesh --env sunset --sun 30,45
   specula export out/spheres -o spheres.html --env sunset --sun 30,45 --ground
   specula export out/chair -o chair.html --page-env sunset.hdr studio.exr
   specula export out/chair -o site/                             # for a web server")]

@@ -2,18 +2,21 @@
 
 use super::capture::CaptureOptions;
 use clap::Args;
+use specula_scene::lamps::SunChoice;
 use std::path::PathBuf;
 
 /// Make a relit turntable of a video or of photographs: capture, train, eval, relight and export.
 ///
-/// OUT receives the data set (data), the model (model), turntables under two lights, the scene as a
-/// page for browsers (scene.html) and index.html, a page in one file. Each command line is printed.
-/// After Ctrl-C the same command continues.
+/// OUT receives the data set (data), the model (model), a turntable under each light, the scene as
+/// a page for browsers (scene.html) and index.html, a page in one file. Each command line is
+/// printed. After Ctrl-C the same command continues. With other lights, or with masks, it computes
+/// only what depends on them.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   specula make walk.mov -o out/vase
   specula make photographs -o out/vase --quick
+  specula make photographs -o out/vase --env studio.hdr --sun 30,45 --ground
   specula make photographs -o out/vase --masks silhouettes --best")]
 pub(crate) struct Make {
     /// Videos, and folders of pictures.
@@ -25,6 +28,15 @@ pub(crate) struct Make {
     /// A first look: 2000 iterations on pictures of at most 400 pixels along an edge.
     #[arg(long, conflicts_with = "best")]
     pub(crate) quick: bool,
+    /// Environment map of each turntable, as relight --env.
+    #[arg(long, value_name = "FILE|NAME", num_args = 1.., default_values = ["sunset", "forest"])]
+    pub(crate) env: Vec<PathBuf>,
+    /// Sun beside the maps, as relight --sun.
+    #[arg(long, value_name = "AZ,EL[,STRENGTH[,ANGLE]][:RRGGBB]", allow_hyphen_values = true)]
+    pub(crate) sun: Vec<SunChoice>,
+    /// Add ground that catches the shadows.
+    #[arg(long)]
+    pub(crate) ground: bool,
     #[command(flatten)]
     pub(crate) capture: CaptureOptions,
 }

@@ -27,7 +27,7 @@ pub(crate) fn run(args: &Capture) -> Result<(), Failure> {
     let data = dataset::load(&args.output, &LoadOptions::default())?;
     let findings = findings(&args.output, &data)?;
     output::write_json(&args.output.join("capture/findings.json"), &json!(findings))?;
-    let Outcome { pictures, registered } = outcome;
+    let Outcome { pictures, registered, .. } = outcome;
     output::say(&format!("{}: {registered} of {pictures} pictures have a camera", shown(&args.output)))?;
     findings.iter().try_for_each(|finding| output::say(&sentence(finding)))?;
     tracing::info!("next: {}", next_command(&args.output, &data));

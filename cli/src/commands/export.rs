@@ -6,11 +6,17 @@ use crate::{
     args::{BakeName, Export, FirstLights, LampOptions, MipName, Prefilter, SchemeName, Up},
     commands::prefilter,
     failure::Failure,
+    lights::NamedLights,
     output, progress,
     scene::{self, background_of, note_oddities, refuse_options_without_light, relight},
 };
+use glam::Vec3;
 use page::PageLight;
-use specula_core::{camera::Camera, scene::Environment};
+use specula_core::{
+    camera::Camera,
+    lamps::{RAYS, check},
+    scene::Environment,
+};
 use specula_cpu::CpuExecutor;
 use specula_io::{Error, glb::textured, latlong, mesh, orientation::Orientation, origin};
 use specula_scene::{
@@ -72,11 +78,17 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     let is_page = |format: &ExportFormat| matches!(format, ExportFormat::Page | ExportFormat::PageFolder);
     let has_page = formats.iter().any(is_page);
     let FirstLights { lamps: LampOptions { sun, lamp, lights: file }, ground } = &args.first;
-    let has_first_lights = !sun.is_empty() || !lamp.is_empty() || file.is_some() || *ground;
-    if (has_first_lights || args.page_exact || !args.page_env.is_empty()) && !has_page {
+    let has_lamps = !sun.is_empty() || !lamp.is_empty() || file.is_some();
+    if has_lamps && !has_page && !has_textures {
         return Err(Failure::Input(
-            "--sun, --lamp, --lights, --ground, --page-env and --page-exact apply to pages; write one with -o FILE.html"
+            "--sun, --lamp and --lights apply to pages and to meshes with materials; write one with -o FILE.html, or with \
+             --mesh -o FILE.glb"
                 .to_owned(),
+        ));
+    }
+    if (*ground || args.page_exact || !args.page_env.is_empty()) && !has_page {
+        return Err(Failure::Input(
+            "--ground, --page-env and --page-exact apply to pages; write one with -o FILE.html".to_owned(),
         ));
     }
     refuse_options_without_light(
@@ -105,7 +117,16 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     if args.env.is_none() {
         scene::settle_light(&mut opened, args.light.number)?;
     }
-    let page = if has_page { Some(PageLight::new(args, opened.scene.clone())?) } else { None };
+    let lights = NamedLights::first(&args.first, &opened.scene)?;
+    check(&lights.lamps(Vec3::Z), RAYS).map_err(|fault| Failure::Input(fault.to_string()))?;
+    if !has_page && (lights.env.is_some() || lights.has_ground) {
+        return Err(Failure::Input(
+            "the environment map and the ground of --lights have no effect on a mesh; leave them out of the file, and write \
+             a map beside the mesh with --env and -o light.hdr"
+                .to_owned(),
+        ));
+    }
+    let page = if has_page { Some(PageLight::new(args, opened.scene.clone(), lights.clone())?) } else { None };
     if let Some(env) = args.env.as_ref().filter(|_| !formats.iter().all(is_page)) {
         let up = orientation::up(&opened.orientation(args.scene_options.scene_up.map(Into::into))?);
         relight(&mut opened.scene, env, (&args.env_options).into(), up)?;
@@ -115,11 +136,18 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     }
     let placement = if args.upright { Some(placement(args, &opened)?) } else { None };
     let background = background_of(&opened, args.background);
-    let exporter = Exporter { args, background, opened, placement, page };
+    let exporter = Exporter { args, background, opened, placement, page, lights };
     let mut baked = Baked::default();
-    // Files are written independently: one may fail, the others are still written.
+    // Files are written independently: one may fail, the others are still written. Meshes take the
+    // longest.
     let mut failures = Vec::new();
-    for (path, format) in args.output.iter().zip(formats) {
+    let (mut files, meshes): (Vec<_>, Vec<_>) = args
+        .output
+        .iter()
+        .zip(formats)
+        .partition(|(_, format)| !matches!(format, ExportFormat::Mesh | ExportFormat::TexturedMesh));
+    files.extend(meshes);
+    for (path, format) in files {
         match exporter.write(path, format, &mut baked) {
             Ok(()) => {}
             Err(failure @ (Failure::BrokenPipe | Failure::Interrupted(_))) => return Err(failure),
@@ -166,6 +194,7 @@ struct Exporter<'a> {
     /// Orientation, if the scene is placed upright.
     placement: Option<Placement>,
     page: Option<PageLight>,
+    lights: NamedLights,
 }
 
 impl Exporter<'_> {
@@ -387,7 +416,9 @@ impl Exporter<'_> {
         let Fused { mesh, omitted } = fused?.ok_or_else(|| self.no_surface())?;
         let placement = self.upright(AxisConvention::YUp).map(|upright| upright.node_transform());
         let origin = if placement.is_some() { [0.0; 3] } else { self.opened.origin };
-        textured::write(path, &mesh, placement, origin)?;
+        let up = orientation::up(&self.opened.orientation(self.args.scene_options.scene_up.map(Into::into))?);
+        let lamps = self.lights.lamps(up);
+        textured::write(path, &mesh, &lamps, placement, origin)?;
         let content = match mesh.surface {
             Some(_) => "base colour, roughness and metalness are means",
             None => {

@@ -2,20 +2,29 @@
 //! commands.
 
 use crate::{args::Make, commands::capture, dataset, failure::Failure, interrupt, output, progress, run_words};
+use glam::DVec3;
 use serde_json::Value;
 use specula_capture::{Outcome, command_text};
-use specula_io::{checkpoint, dataset::LoadOptions, model_folder};
-use specula_report::made::{Made, Turntable};
+use specula_io::{checkpoint, dataset::LoadOptions, model_folder, picture};
+use specula_report::made::{Figure, Format, Made};
 use specula_scene::{dataset::Dataset, text::shown};
-use std::{fs, path::Path};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
 
-/// Lights of the turntables, which are in the program.
-const LIGHTS: [&str; 2] = ["sunset", "forest"];
 /// Pictures of a turntable, and their longer edge in pixels.
 const TURNTABLE: &str = "48";
 const EDGE: u32 = 640;
 /// Longer edge of the pictures of a quick training.
 const QUICK_EDGE: u32 = 400;
+/// JPEG quality of the photograph.
+const QUALITY: u8 = 88;
+/// Record of the command line that made each file.
+const RECORD: &str = "made.json";
+/// Folder of the results of earlier masks.
+const BEFORE: &str = "before-masks";
 
 /// Runs the commands whose results are missing, and writes the page.
 pub(crate) fn run(args: &Make) -> Result<(), Failure> {
@@ -23,12 +32,15 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     let (data, model) = (folder("data"), folder("model"));
     let outcome = capture::capture(&args.inputs, &data, &args.capture)?;
     if 2 * outcome.registered < outcome.pictures {
-        let Outcome { registered, pictures } = outcome;
+        let Outcome { registered, pictures, .. } = outcome;
         return Err(Failure::Input(format!(
             "only {registered} of {pictures} pictures have cameras, too few for a scene; take pictures that overlap by two \
              thirds, or train on these: {}",
             command_text(["specula", "train", &text(&data)])
         )));
+    }
+    if outcome.has_other_masks {
+        set_aside(&args.output)?;
     }
     let loaded = progress::silently(|| dataset::load(&data, &LoadOptions::default()))?;
     let findings = capture::findings(&data, &loaded)?;
@@ -36,7 +48,7 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     let findings: Vec<String> = findings.iter().map(capture::sentence).collect();
     findings.iter().for_each(|finding| tracing::warn!("{finding}"));
 
-    let mut commands = Commands::default();
+    let mut commands = Commands::new(&args.output);
     let iterations = if args.quick {
         2000
     } else if args.capture.best {
@@ -51,56 +63,131 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     let size = size_of(&loaded);
     // Surroundings that no mask cuts out would reflect the object as a mirror.
     let crop: &[&str] = if capture::material_options(&loaded).is_empty() { &[] } else { &["--crop", "auto"] };
+    let mut lights: Vec<String> = args.sun.iter().flat_map(|sun| ["--sun".to_owned(), sun.to_string()]).collect();
+    lights.extend(args.ground.then(|| "--ground".to_owned()));
+    let common: Vec<&str> = crop.iter().copied().chain(lights.iter().map(String::as_str)).collect();
     let has_ffmpeg = specula_capture::has_ffmpeg();
-    let mut turntables = Vec::new();
-    for light in LIGHTS {
-        let place = folder(&if has_ffmpeg { format!("{light}.mp4") } else { light.to_owned() });
+    let mut figures: Vec<Figure> = photograph(&loaded).into_iter().collect();
+    for (light, name) in args.env.iter().zip(names(&args.env)) {
+        let (place, format) = match has_ffmpeg {
+            true => (folder(&format!("{name}.mp4")), Format::Mp4),
+            false => (folder(&name), Format::Png),
+        };
         let file = if has_ffmpeg { place.clone() } else { place.join("turntable.png") };
-        if !file.is_file() {
-            let (model, place) = (text(&model), text(&place));
-            let turntable = ["--turntable", TURNTABLE, "--size", &size, "-o", &place];
-            commands.run(&[&["relight", &model, "--env", light], crop, &turntable[..]].concat())?;
-        }
+        let (light, place) = (text(light), text(&place));
+        let turntable = ["--turntable", TURNTABLE, "--size", &size, "-o", &place];
+        let relight = ["relight", &text(&model), "--env", &light];
+        commands.write(&file, &[&relight[..], &common, &turntable].concat())?;
         let bytes = fs::read(&file).map_err(|cause| specula_io::Error::Read { path: file.clone(), cause })?;
-        turntables.push(Turntable { caption: format!("under {light}"), bytes, is_video: has_ffmpeg });
+        figures.push(Figure { caption: format!("under {name}"), bytes, format });
     }
     let scene = folder("scene.html");
-    if !scene.is_file() {
-        let [first, other] = LIGHTS;
-        let lights = ["--env", first, "--page-env", other];
-        commands
-            .run(&[&["export", &text(&model), "--no-error", "-o", &text(&scene)][..], crop, &lights[..]].concat())?;
-    }
+    let maps: Vec<String> = args.env.iter().map(|map| text(map)).collect();
+    let (first, others) = maps.split_first().expect("there is a light");
+    let mut words = vec!["export".to_owned(), text(&model), "--no-error".into(), "-o".into(), text(&scene)];
+    words.extend(common.iter().map(|word| (*word).to_owned()));
+    words.extend(["--env".to_owned(), first.clone()]);
+    words.extend((!others.is_empty()).then(|| "--page-env".to_owned()));
+    words.extend_from_slice(others);
+    commands.write(&scene, &words.iter().map(String::as_str).collect::<Vec<_>>())?;
 
     let mut facts = vec![["cameras".to_owned(), format!("{} of {} pictures", outcome.registered, outcome.pictures)]];
     facts.push(["iterations".into(), iterations.to_string()]);
     facts.extend(psnr_of(&model, iterations).map(|psnr| ["PSNR of held-out pictures".into(), format!("{psnr:.2} dB")]));
     let made = Made {
         title: output::stem(&args.output),
-        turntables,
+        figures,
         scene: Some("scene.html".into()),
         facts,
         findings,
-        commands: commands.0,
+        commands: commands.lines,
     };
     let page = folder("index.html");
     output::write_text(&page, &made.html()?)?;
     output::say(&format!("Page: {}", shown(&page)))
 }
 
+/// Moves what was made of the pictures without masks, or with other ones, to a folder of its own.
+fn set_aside(output: &Path) -> Result<(), Failure> {
+    let moved = |name: &str| !matches!(name, "data" | BEFORE) && !name.starts_with('.');
+    let entries = fs::read_dir(output).into_iter().flatten().flatten();
+    let old: Vec<_> = entries.filter(|entry| moved(&entry.file_name().to_string_lossy())).collect();
+    if old.is_empty() {
+        return Ok(());
+    }
+    let mut before = output.join(BEFORE);
+    for number in 2.. {
+        if !before.exists() {
+            break;
+        }
+        before = output.join(format!("{BEFORE}-{number}"));
+    }
+    output::make_folder(&before)?;
+    for entry in old {
+        let (from, to) = (entry.path(), before.join(entry.file_name()));
+        fs::rename(&from, &to).map_err(|cause| specula_io::Error::Write { path: to, cause })?;
+    }
+    tracing::info!("the masks are other ones: the earlier model and pages are in {before:?}");
+    Ok(())
+}
+
+/// Names of the turntables: those of the maps, with a number if one repeats.
+fn names(maps: &[PathBuf]) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for map in maps {
+        let stem = output::stem(map);
+        let count = maps[..names.len()].iter().filter(|earlier| output::stem(earlier) == stem).count();
+        names.push(if count == 0 { stem } else { format!("{stem}-{}", count + 1) });
+    }
+    names
+}
+
+/// The first picture of a data set, upright.
+fn photograph(data: &Dataset) -> Option<Figure> {
+    let view = data.test.first().or(data.train.first())?;
+    let colors: Vec<u8> =
+        view.rgba.as_chunks::<4>().0.iter().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect();
+    let picture = picture::RgbImage::from_raw(view.camera.width, view.camera.height, colors)?;
+    let turns = data.orientation.as_ref().map_or(0, |found| view.camera.turns_upright(DVec3::from(found.up).as_vec3()));
+    let bytes = picture::to_jpeg(&picture::turned_clockwise(picture::within(&picture, EDGE), turns), QUALITY);
+    Some(Figure { caption: "a photograph".into(), bytes, format: Format::Jpeg })
+}
+
 /// Command lines that were run.
-#[derive(Debug, Default)]
-struct Commands(Vec<String>);
+struct Commands {
+    lines: Vec<String>,
+    /// Record of the command line that made each file.
+    record: PathBuf,
+    made: BTreeMap<String, String>,
+}
 
 impl Commands {
+    fn new(output: &Path) -> Self {
+        let record = output.join(RECORD);
+        let made = fs::read_to_string(&record).ok().and_then(|text| serde_json::from_str(&text).ok());
+        Self { lines: Vec::new(), record, made: made.unwrap_or_default() }
+    }
+
     fn run(&mut self, words: &[&str]) -> Result<(), Failure> {
         if interrupt::is_requested() {
             return Err(Failure::Interrupted("interrupted; the same command continues".into()));
         }
-        let line = command_text(["specula"].iter().chain(words).copied());
+        let line = line_of(words);
         tracing::info!("{line}");
-        self.0.push(line);
+        self.lines.push(line);
         run_words(["specula"].iter().chain(words).map(Into::into).collect())
+    }
+
+    /// Writes a file, unless this command has written it.
+    fn write(&mut self, file: &Path, words: &[&str]) -> Result<(), Failure> {
+        let (name, line) = (text(file), line_of(words));
+        if file.is_file() && self.made.get(&name) == Some(&line) {
+            self.lines.push(line);
+            return Ok(());
+        }
+        self.run(words)?;
+        self.made.insert(name, line);
+        output::write_json(&self.record, &serde_json::json!(self.made))
     }
 
     /// Trains, or continues a training, unless the model is there.
@@ -144,6 +231,10 @@ fn size_of(data: &Dataset) -> String {
 fn psnr_of(model: &Path, iterations: u32) -> Option<f64> {
     let results: Value = serde_json::from_str(&fs::read_to_string(model.join("results.json")).ok()?).ok()?;
     results[model_folder::method_of(iterations)]["PSNR"].as_f64()
+}
+
+fn line_of(words: &[&str]) -> String {
+    command_text(["specula"].iter().chain(words).copied())
 }
 
 fn text(path: &Path) -> String {

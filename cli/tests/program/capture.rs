@@ -2,7 +2,7 @@
 
 use crate::tiny::{Tiny, specula};
 use core::time::Duration;
-use image::{Rgb, RgbImage};
+use image::{GrayImage, Luma, Rgb, RgbImage};
 use serde_json::Value;
 use specula_capture::Tool;
 use std::{
@@ -124,6 +124,19 @@ fn photographs_get_cameras_once_and_a_killed_capture_continues() {
     let said = String::from_utf8(again.stderr).unwrap();
     let next = said.lines().last().unwrap_or_default();
     assert!(next.contains("next: specula train corner") && next.ends_with("--relightable --foreground auto"), "{said}");
+    // Masks are added to the cameras that are there.
+    fs::create_dir_all(tiny.path("silhouettes")).unwrap();
+    for index in 0..PICTURES {
+        let mask = GrayImage::from_fn(SIZE[0], SIZE[1], |x, _| Luma([if x < SIZE[0] / 2 { 0 } else { 255 }]));
+        mask.save(tiny.path("silhouettes").join(format!("{index:02}.png"))).unwrap();
+    }
+    let masked = [&words[..], &["--masks", "silhouettes"]].concat();
+    specula().current_dir(tiny.path("")).args(&masked).assert().success();
+    let added: Value = serde_json::from_str(&fs::read_to_string(tiny.path("corner/capture.json")).unwrap()).unwrap();
+    assert_eq!(added["masks"], serde_json::json!([PICTURES, 0]));
+    assert_eq!([&added["attempts"], &added["commands"]], [&facts["attempts"], &facts["commands"]], "COLMAP ran again");
+    assert!(tiny.path("corner/masks/00.png.png").is_file());
+
     let other = ["capture", "photographs", "-o", "corner", "--best"];
     refuses(&other, &["corner", "other options"], &tiny.path(""));
 

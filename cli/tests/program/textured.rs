@@ -5,8 +5,8 @@ use crate::{
     export::{Ball, soft},
     tiny::specula,
 };
-use glam::{Mat3, Vec2, Vec3};
-use gltf::Gltf;
+use glam::{Mat3, Quat, Vec2, Vec3};
+use gltf::{Gltf, khr_lights_punctual::Kind};
 use image::RgbImage;
 use specula_core::{
     activation::logit,
@@ -145,8 +145,26 @@ fn an_upright_textured_mesh_is_placed_by_its_node() {
     let (_, rotation, scale) = file.nodes().next().unwrap().transform().decomposed();
     // The ball's cameras are 4 away; z is up in its world.
     assert!((scale[0] - 1.0).abs() < 0.05, "{scale:?}");
-    let up = glam::Quat::from_array(rotation) * Vec3::Z;
+    let up = Quat::from_array(rotation) * Vec3::Z;
     assert!(up.distance(Vec3::Y) < 1e-4, "{up}");
+}
+
+#[test]
+fn suns_and_lamps_are_lights_of_the_file_in_the_world_of_the_mesh() {
+    let ball = ball();
+    let words = ["--upright", "--scene-up", "z", "--sun", "0,90,2:ff0000", "--lamp", "0,0,3,4,0.5"];
+    let (path, _) = export(&ball, "lit.glb", &words);
+    let file = Gltf::open(&path).unwrap();
+    let lights: Vec<_> = file.nodes().filter_map(|node| Some((node.light()?, node.transform().decomposed()))).collect();
+    let [(sun, (_, turn, _)), (lamp, (place, _, _))] = &lights[..] else { panic!("{} lights", lights.len()) };
+    assert!(matches!(sun.kind(), Kind::Directional) && matches!(lamp.kind(), Kind::Point));
+    assert!((sun.intensity() - 2.0).abs() < 1e-4 && sun.color() == [1.0, 0.0, 0.0], "{:?}", sun.color());
+    let down = Quat::from_array(*turn) * -Vec3::Z;
+    assert!(down.distance(-Vec3::Y) < 1e-4, "the sun in the zenith shines to {down}");
+    let (ours, rotation, scale) = file.nodes().next().unwrap().transform().decomposed();
+    let expected = Quat::from_array(rotation) * Vec3::new(0.0, 0.0, 3.0) * scale[0] + Vec3::from(ours);
+    assert!(Vec3::from(*place).distance(expected) < 1e-4, "{place:?} is not {expected}");
+    assert!((lamp.intensity() - 4.0 * scale[0] * scale[0]).abs() < 1e-3, "irradiance on the mesh is that of the scene");
 }
 
 #[test]
@@ -184,6 +202,9 @@ fn bad_sizes_are_refused() {
     refused("ball.glb", &["--mesh", "--texture", "32"], "from 64 to 8192");
     refused("ball.glb", &["--mesh", "--texture", "9000"], "from 64 to 8192");
     refused("ball.glb", &["--mesh", "--env", "sunset"], "no effect on a mesh of materials");
+    refused("ball.glb", &["--mesh", "--ground"], "apply to pages");
+    refused("ball.obj", &["--sun", "0,45"], "to meshes with materials");
+    refused("ball.glb", &["--mesh", "--lamp", "0,0,1e10,1"], "lamp 0 has");
     refused("ball.glb", &["--triangles", "500"], "--triangles applies to meshes");
     refused("ball.obj", &["--texture", "512"], "--texture applies to .glb meshes");
 }

@@ -62,6 +62,14 @@ impl Input {
         Ok(found)
     }
 
+    /// Paths of its pictures, none of a video.
+    pub(crate) fn into_pictures(self) -> Vec<PathBuf> {
+        match self {
+            Self::Video(_) => Vec::new(),
+            Self::Pictures { paths, .. } => paths,
+        }
+    }
+
     /// Path of the input.
     pub(crate) fn path(&self) -> &Path {
         match self {

@@ -1,9 +1,11 @@
-//! Pairs of pictures of a sequence that are matched: neighbours, pictures at powers of two, and all
-//! pairs of a thinned sequence, which close loops without a vocabulary tree.
+//! Pairs of pictures that are matched, in the order of their names: neighbours, pictures at powers
+//! of two, and all pairs of a thinned sequence, which close loops without a vocabulary tree.
 
 use std::collections::BTreeSet;
 
-/// Largest number of pictures of which all pairs are matched.
+/// Largest number of pictures of which all pairs are matched at once.
+pub(crate) const FEW: usize = 30;
+/// Largest number of pictures of which all pairs are matched if those of a sequence register too few.
 pub(crate) const EXHAUSTIVE: usize = 150;
 
 /// Sequence of pictures, each of which shows much of the next.
@@ -16,10 +18,10 @@ pub(crate) struct Sequence {
 }
 
 impl Sequence {
-    /// Photographs in the order of their names, which may go around an object several times.
-    pub(crate) const PHOTOGRAPHS: Self = Self { neighbours: 10, thinned: 60 };
-    /// Frames of one video, which are selected by the change of the view.
-    pub(crate) const VIDEO: Self = Self { neighbours: 6, thinned: 20 };
+    /// Pictures whose other pairs are matched if too few register.
+    pub(crate) const SPARSE: Self = Self { neighbours: 6, thinned: 20 };
+    /// Pictures that are too many for all pairs, and may go around an object several times.
+    pub(crate) const DENSE: Self = Self { neighbours: 10, thinned: 60 };
 
     /// Indices of pictures to match, of each pair the smaller one first, in ascending order.
     pub(crate) fn pairs(self, count: usize) -> Vec<[usize; 2]> {
@@ -44,7 +46,7 @@ mod tests {
 
     #[test]
     fn neighbours_and_ends_of_a_loop_are_matched_with_few_pairs() {
-        let pairs = Sequence::PHOTOGRAPHS.pairs(600);
+        let pairs = Sequence::DENSE.pairs(600);
         assert!(pairs.contains(&[17, 18]) && pairs.contains(&[17, 27]) && pairs.contains(&[0, 590]), "{pairs:?}");
         assert!(pairs.len() < 600 * 599 / 2 / 10, "{}", pairs.len());
         assert!(pairs.iter().all(|[first, second]| first < second && *second < 600));
@@ -53,13 +55,13 @@ mod tests {
     #[test]
     fn short_sequences_are_matched_in_full() {
         for count in [0, 1, 2, 9, 60] {
-            assert_eq!(Sequence::PHOTOGRAPHS.pairs(count).len(), count * count.saturating_sub(1) / 2, "{count}");
+            assert_eq!(Sequence::DENSE.pairs(count).len(), count * count.saturating_sub(1) / 2, "{count}");
         }
     }
 
     #[test]
-    fn frames_of_a_video_are_matched_with_a_fraction_of_their_pairs_around_a_loop() {
-        let pairs = Sequence::VIDEO.pairs(100);
+    fn a_sparse_sequence_has_a_fraction_of_the_pairs_around_a_loop() {
+        let pairs = Sequence::SPARSE.pairs(100);
         assert!(pairs.contains(&[41, 47]) && pairs.contains(&[0, 95]), "{pairs:?}");
         assert!(pairs.len() < 100 * 99 / 2 / 4, "{}", pairs.len());
     }

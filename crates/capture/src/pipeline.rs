@@ -8,11 +8,12 @@ use crate::{
     groups::{self, Key},
     inputs::Input,
     masks,
-    pairs::{EXHAUSTIVE, Sequence},
+    pairs::{EXHAUSTIVE, FEW, Sequence},
     process::{CommandLine, Monitor},
     record::{Attempt, Record, Request, VideoRecord},
     video,
 };
+use core::fmt;
 use specula_io::{reconstruction::Reconstruction, whole_file};
 use std::{
     collections::{BTreeMap, HashMap},
@@ -27,6 +28,8 @@ const FRAMES: [f64; 2] = [40.0, 150.0];
 const MORE_FRAMES: f64 = 1.5;
 /// Share of pictures with a camera below which a second attempt is made.
 const REGISTERED_MIN: f64 = 0.7;
+/// Share of pictures with a camera below which all pairs are matched instead of those of a sequence.
+const REGISTERED_WELL: f64 = 0.95;
 /// Smallest number of points of a model.
 const POINTS_MIN: usize = 100;
 /// Smallest number of pictures.
@@ -62,6 +65,8 @@ pub struct Outcome {
     pub pictures: usize,
     /// Number of pictures with a camera.
     pub registered: usize,
+    /// Whether the masks replace other ones, or none, of an earlier call.
+    pub has_other_masks: bool,
 }
 
 /// Checks inputs without reading them.
@@ -74,7 +79,8 @@ pub fn check(inputs: &[PathBuf]) -> Result<()> {
 }
 
 /// Makes a data set: `images`, `masks`, `sparse/0` and `capture.json`, with intermediate files in
-/// the folder `capture`. Continues where an earlier call with the same options ended.
+/// the folder `capture`. Continues where an earlier call with the same options ended; other masks
+/// keep its cameras.
 ///
 /// # Errors
 ///
@@ -103,6 +109,31 @@ pub fn capture(options: &Options, monitor: &dyn Monitor) -> Result<Outcome> {
     run.all(&inputs)
 }
 
+/// Matching of an attempt, which names its files and steps.
+#[derive(Clone, Copy, Debug)]
+enum Matching {
+    First(usize),
+    /// All pairs, after those of a sequence registered too few pictures.
+    AllPairs(usize),
+}
+
+impl Matching {
+    fn attempt(self) -> usize {
+        match self {
+            Self::First(number) | Self::AllPairs(number) => number,
+        }
+    }
+}
+
+impl fmt::Display for Matching {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::First(number) => write!(f, "{number}"),
+            Self::AllPairs(number) => write!(f, "{number}-all"),
+        }
+    }
+}
+
 struct Run<'a> {
     options: &'a Options,
     monitor: &'a dyn Monitor,
@@ -115,6 +146,7 @@ struct Run<'a> {
 
 impl Run<'_> {
     fn all(&mut self, inputs: &[Input]) -> Result<Outcome> {
+        let has_other_masks = self.change_masks()?;
         let first = Quality { size: 1600, features: 4096, lens: self.options.lens.clone() };
         let best = Quality { size: 2400, features: 8192, ..first.clone() };
         let is_best = self.options.is_best;
@@ -127,7 +159,7 @@ impl Run<'_> {
         }
         let attempts = self.record.attempts.iter().enumerate();
         let (index, attempt) = attempts.rev().max_by_key(|(_, attempt)| attempt.registered()).expect("there is one");
-        let outcome = Outcome { pictures: attempt.pictures, registered: attempt.registered() };
+        let outcome = Outcome { pictures: attempt.pictures, registered: attempt.registered(), has_other_masks };
         let Some(model) = attempt.largest.clone() else {
             return Err(Error::NoCameras(diagnosis::of_failure(attempt.pictures, attempt.connected)));
         };
@@ -152,6 +184,46 @@ impl Run<'_> {
         registered > 0 && registered as f64 >= REGISTERED_MIN * attempt.pictures as f64
     }
 
+    /// Replaces the masks of an earlier call if this one has others. Its cameras are kept, unless
+    /// they depend on masks. Returns whether there were pictures to mask.
+    fn change_masks(&mut self) -> Result<bool> {
+        let asked = (self.options.masks.clone(), self.options.mask_with.clone());
+        let request = &mut self.record.request;
+        if asked == (request.masks.clone(), request.mask_with.clone()) {
+            return Ok(false);
+        }
+        (request.masks, request.mask_with) = (None, None);
+        self.record.done.retain(|step| step != "masks");
+        self.record.masks = None;
+        for folder in [self.work.join("masks"), self.options.output.join("masks")] {
+            match fs::remove_dir_all(&folder) {
+                Err(cause) if folder.exists() => return Err(Error::writing(&folder)(cause)),
+                _ => {}
+            }
+        }
+        self.record.save()?;
+        let listed = if self.record.attempts.is_empty() { Vec::new() } else { Input::list(&self.images)? };
+        let names: Vec<PathBuf> = listed.into_iter().flat_map(Input::into_pictures).collect();
+        let masks = if names.is_empty() { None } else { self.masks(&names)? };
+        let is_within = masks.is_some_and(|masks| masks::surroundings_stand_still(&self.images, &masks, &names));
+        if self.record.attempts.first().is_none_or(|attempt| attempt.is_masked != is_within) {
+            self.record.attempts.clear();
+            self.record.used_attempt = None;
+            self.record.done.retain(|step| step == "masks");
+            for number in 1..=2 {
+                let _ = fs::remove_file(self.database(number));
+            }
+        }
+        (self.record.request.masks, self.record.request.mask_with) = asked;
+        self.record.save()?;
+        Ok(!names.is_empty())
+    }
+
+    /// Database of an attempt.
+    fn database(&self, number: usize) -> PathBuf {
+        self.work.join(format!("database-{number}.db"))
+    }
+
     /// Makes a reconstruction with features of a quality.
     fn attempt(&mut self, number: usize, inputs: &[Input], quality: &Quality) -> Result<()> {
         if self.record.is_done(&format!("attempt {number}")) && self.record.attempts.len() >= number {
@@ -169,15 +241,20 @@ impl Run<'_> {
         let mut attempt =
             Attempt { pictures: names.len(), size: quality.size, features: quality.features, ..Attempt::default() };
         attempt.is_masked = masks.is_some();
-        let database = self.work.join(format!("database-{number}.db"));
+        let database = self.database(number);
         self.features(number, &database, &names, masks.as_deref(), quality, &mut attempt)?;
-        let exhaustive = if number == 1 { EXHAUSTIVE } else { SECOND_EXHAUSTIVE };
-        let sequence = match inputs {
-            [Input::Video(_)] if number == 1 && !self.options.is_best => Some(Sequence::VIDEO),
-            _ => (names.len() > exhaustive).then_some(Sequence::PHOTOGRAPHS),
+        let most = if number == 1 { EXHAUSTIVE } else { SECOND_EXHAUSTIVE };
+        let is_sparse = number == 1 && !self.options.is_best && names.len() > FEW;
+        let sequence = match names.len() {
+            count if count > most => Some(Sequence::DENSE),
+            _ => is_sparse.then_some(Sequence::SPARSE),
         };
-        self.matches(number, &database, &names, sequence, &mut attempt)?;
-        self.map(number, &database, names.len(), &mut attempt)?;
+        self.models(Matching::First(number), &database, &names, sequence, &mut attempt)?;
+        let is_well = attempt.registered() as f64 >= REGISTERED_WELL * names.len() as f64;
+        if sequence == Some(Sequence::SPARSE) && !is_well {
+            tracing::info!("{} of {} pictures have a camera; matching all pairs", attempt.registered(), names.len());
+            self.models(Matching::AllPairs(number), &database, &names, None, &mut attempt)?;
+        }
         self.record.attempts.truncate(number - 1);
         self.record.attempts.push(attempt);
         self.record.finish(format!("attempt {number}"))
@@ -371,10 +448,23 @@ impl Run<'_> {
         Ok(())
     }
 
+    /// Models from the pairs of a sequence, or all pairs.
+    fn models(
+        &mut self,
+        matching: Matching,
+        database: &Path,
+        names: &[PathBuf],
+        sequence: Option<Sequence>,
+        attempt: &mut Attempt,
+    ) -> Result<()> {
+        self.matches(matching, database, names, sequence, attempt)?;
+        self.map(matching, database, names.len(), attempt)
+    }
+
     /// Matches the pairs of a sequence, or all pairs.
     fn matches(
         &mut self,
-        number: usize,
+        matching: Matching,
         database: &Path,
         names: &[PathBuf],
         sequence: Option<Sequence>,
@@ -385,11 +475,11 @@ impl Run<'_> {
         let all = count * count.saturating_sub(1) / 2;
         attempt.matching = if pairs.is_some() { "neighbours and loops" } else { "all pairs" }.into();
         attempt.pairs = pairs.as_ref().map_or(all, Vec::len);
-        let step_name = format!("matches {number}");
+        let step_name = format!("matches {matching}");
         if self.record.is_done(&step_name) {
             return Ok(());
         }
-        let file = self.work.join(format!("pairs-{number}.txt"));
+        let file = self.work.join(format!("pairs-{matching}.txt"));
         let step = match &pairs {
             None => Step::MatchAll { block: (count / 8).clamp(4, 50) },
             Some(pairs) => {
@@ -401,7 +491,7 @@ impl Run<'_> {
         let total = attempt.pairs as u64;
         let monitor = self.monitor;
         monitor.begin("matching", total);
-        let log = self.work.join(format!("matches-{number}.log"));
+        let log = self.work.join(format!("matches-{matching}.log"));
         let result = self.run(database, &step, &log, |event| {
             if let Event::Block([row, rows, column, columns]) = event {
                 let blocks = (rows * columns).max(1);
@@ -413,18 +503,18 @@ impl Run<'_> {
         self.record.finish(step_name)
     }
 
-    fn map(&mut self, number: usize, database: &Path, count: usize, attempt: &mut Attempt) -> Result<()> {
-        let output = self.work.join(format!("models-{number}"));
-        let step_name = format!("models {number}");
+    fn map(&mut self, matching: Matching, database: &Path, count: usize, attempt: &mut Attempt) -> Result<()> {
+        let output = self.work.join(format!("models-{matching}"));
+        let step_name = format!("models {matching}");
         if !self.record.is_done(&step_name) {
             // Models of an interrupted step are incomplete.
             let _ = fs::remove_dir_all(&output);
             fs::create_dir_all(&output).map_err(Error::writing(&output))?;
             let images = self.images.clone();
-            let step = Step::Map { images: &images, output: &output, is_relaxed: number > 1 };
+            let step = Step::Map { images: &images, output: &output, is_relaxed: matching.attempt() > 1 };
             let monitor = self.monitor;
             monitor.begin("cameras", count as u64);
-            let log = self.work.join(format!("models-{number}.log"));
+            let log = self.work.join(format!("models-{matching}.log"));
             let mut registered: u64 = 0;
             let result = self.run(database, &step, &log, |event| match event {
                 Event::Connected(pictures) => attempt.connected = pictures,

@@ -86,8 +86,16 @@ pub(crate) struct Record {
     path: PathBuf,
 }
 
+impl Request {
+    /// The request without its masks, which may be added to a capture.
+    fn unmasked(&self) -> Self {
+        Self { masks: None, mask_with: None, ..self.clone() }
+    }
+}
+
 impl Record {
-    /// Reads the record of a data set, or begins one.
+    /// Reads the record of a data set, or begins one. The record of a request with other masks keeps
+    /// them as [`Record::request`].
     ///
     /// # Errors
     ///
@@ -102,7 +110,7 @@ impl Record {
         let found: Self = serde_json::from_str(&text).map_err(|cause| {
             Error::Input(format!("{path:?} is no record of a capture ({cause}); use another folder with -o"))
         })?;
-        if found.request != *request {
+        if found.request.unmasked() != request.unmasked() {
             return Err(Error::Input(format!(
                 "{folder:?} has a capture of {:?} with other options or inputs; use another folder with -o, or remove it",
                 found.request.inputs
@@ -146,9 +154,11 @@ mod tests {
         let mut record = Record::open(folder.path(), &request).unwrap();
         record.finish("frames".into()).unwrap();
         assert!(Record::open(folder.path(), &request).unwrap().is_done("frames"));
-        let other = Request { frames: Some(9), ..request };
+        let other = Request { frames: Some(9), ..request.clone() };
         let sentence = Record::open(folder.path(), &other).unwrap_err().to_string();
         assert!(sentence.contains("walk.mov") && sentence.contains("-o"), "{sentence}");
+        let masked = Request { masks: Some("masks".into()), frames: None, ..other.clone() };
+        assert_eq!(Record::open(folder.path(), &masked).unwrap().request.masks, None);
         fs::write(folder.path().join(NAME), "{").unwrap();
         assert!(Record::open(folder.path(), &other).unwrap_err().to_string().contains("no record"));
     }

@@ -104,16 +104,27 @@ pub fn write(
         used.push(SHADING);
     }
     let primitive = json!({"attributes": attributes, "mode": POINTS, "extensions": {SPLATTING: extension}});
-    write_document(path, file, &primitive, (&used, json!({})), placement, origin)
+    write_document(path, file, Document { primitive, used, ..Document::default() }, placement, origin)
 }
 
-/// Writes a primitive in a node: with the extensions that it uses, other properties of the
-/// document, an optional transform, and the origin of positions if that is not zero.
+/// Content of a document beside its buffer.
+#[derive(Default)]
+struct Document<'a> {
+    primitive: Value,
+    /// Extensions that it uses.
+    used: Vec<&'a str>,
+    /// Nodes beside that of the primitive.
+    nodes: Vec<Value>,
+    /// Other properties.
+    rest: Map<String, Value>,
+}
+
+/// Writes a primitive in a node with an optional transform, and the origin of positions if that is
+/// not zero.
 fn write_document(
     path: &Path,
     file: File,
-    primitive: &Value,
-    (used, rest): (&[&str], Value),
+    Document { primitive, used, nodes: others, rest }: Document<'_>,
     placement: Option<Placement>,
     origin: [f64; 3],
 ) -> Result<()> {
@@ -126,18 +137,18 @@ fn write_document(
     if !origin::is_zero(&origin) {
         node["extras"] = json!({"origin": origin});
     }
+    let nodes: Vec<Value> = [node].into_iter().chain(others).collect();
+    let roots: Vec<usize> = (0..nodes.len()).collect();
     let mut json = json!({
         "asset": {"version": "2.0", "generator": concat!("specula ", env!("CARGO_PKG_VERSION"))},
-        "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [node], "meshes": [{"primitives": [primitive]}],
+        "scene": 0, "scenes": [{"nodes": roots}], "nodes": nodes, "meshes": [{"primitives": [primitive]}],
         "accessors": file.accessors, "bufferViews": file.views, "buffers": [{"byteLength": file.bytes.len()}],
     });
     // An empty list is not valid.
     if !used.is_empty() {
         json["extensionsUsed"] = json!(used);
     }
-    if let Value::Object(rest) = rest {
-        rest.into_iter().for_each(|(name, value)| json[name] = value);
-    }
+    rest.into_iter().for_each(|(name, value)| json[name] = value);
     write_chunks(path, &json, file.bytes)
 }
 

@@ -112,6 +112,11 @@ pub fn within(image: &RgbImage, edge: u32) -> RgbImage {
     imageops::thumbnail(image, scaled(image.width()), scaled(image.height()))
 }
 
+/// Turns an image clockwise by multiples of 90°.
+pub fn turned_clockwise(image: RgbImage, turns: usize) -> RgbImage {
+    (0..turns % 4).fold(image, |image, _| imageops::rotate90(&image))
+}
+
 /// Writes three sRGB planes as PNG, with straight alpha if given.
 ///
 /// # Errors

@@ -198,3 +198,29 @@ def test_features_of_any_number_of_channels_are_colours_three_at_a_time(channels
         assert np.array_equal(one.backgrounds[:, :width], found.backgrounds[:, taken])
     # The order of a few sums differs.
     assert np.allclose(means, found.means, rtol=0, atol=ROUNDING * np.abs(means).max())
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_batches_are_rasterised_by_themselves(packed):
+    rng = np.random.default_rng(40)
+    scenes = [[(cloud(rng, 20), cameras(rng, 2, *SIZE)) for _ in range(3)] for _ in range(2)]
+    arrays = {name: np.array([[one[name] for one, _ in row] for row in scenes]) for name in scenes[0][0][0]}
+    viewmats, Ks = (np.array([[seen[k] for _, seen in row] for row in scenes]) for k in range(2))
+    options = dict(width=SIZE[0], height=SIZE[1], packed=packed)
+    pictures, alphas, meta = sg.rasterization(**arrays, viewmats=viewmats, Ks=Ks, **options)
+    assert pictures.shape == (2, 3, 2, SIZE[1], SIZE[0], 3) and alphas.shape == (2, 3, 2, SIZE[1], SIZE[0], 1)
+    assert meta["n_batches"] == 6 and meta["n_cameras"] == 2
+    for row in range(2):
+        for column in range(3):
+            one, seen = scenes[row][column]
+            alone, coverage, own = sg.rasterization(**one, viewmats=seen[0], Ks=seen[1], **options)
+            assert np.array_equal(pictures[row, column], alone) and np.array_equal(alphas[row, column], coverage)
+            if packed:
+                taken = meta["batch_ids"] == 3 * row + column
+                assert np.array_equal(meta["gaussian_ids"][taken], own["gaussian_ids"])
+                assert np.array_equal(meta["means2d"][taken], own["means2d"])
+            else:
+                assert np.array_equal(meta["means2d"][row, column], own["means2d"])
+    short = dict(arrays, scales=arrays["scales"][:1])
+    with pytest.raises(sg.InvalidInput, match="scales"):
+        sg.rasterization(**short, viewmats=viewmats, Ks=Ks, **options)

@@ -50,6 +50,20 @@ def test_gradients_have_the_bits_of_arrays(mode):
         assert np.array_equal(behind.grad.numpy(), expected.backgrounds)
 
 
+def test_batches_have_the_gradients_of_each():
+    batches = [problem(seed) for seed in range(2)]
+    options = dict(width=SIZE[0], height=SIZE[1])
+    joined = leaves({name: np.stack([one[name] for one in batches]) for name in batches[0]})
+    colors, _, _ = sg.rasterization(**joined, **options)
+    colors.square().sum().backward()
+    for index, one in enumerate(batches):
+        tensors = leaves(one)
+        own, _, _ = sg.rasterization(**tensors, **options)
+        own.square().sum().backward()
+        for name in NAMES:
+            assert torch.equal(joined[name].grad[index], tensors[name].grad), name
+
+
 def test_packed_centres_have_packed_gradients():
     tensors = leaves(problem(spread=3.0))
     options = dict(width=SIZE[0], height=SIZE[1])

@@ -4,15 +4,36 @@ use crate::{error::Result, html::HtmlTable};
 use askama::Template;
 use base64::{Engine, prelude::BASE64_STANDARD};
 
-/// Turntable under a light.
+/// Photograph, or turntable under a light.
 #[derive(Clone, Debug)]
-pub struct Turntable {
-    /// Light, as a caption.
+pub struct Figure {
+    /// Caption.
     pub caption: String,
-    /// Video in MP4, or an animated PNG.
+    /// Contents of the file.
     pub bytes: Vec<u8>,
-    /// Whether it is a video.
-    pub is_video: bool,
+    /// Format of the file.
+    pub format: Format,
+}
+
+/// Format of a figure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// JPEG.
+    Jpeg,
+    /// PNG, which may be animated.
+    Png,
+    /// Video in MP4.
+    Mp4,
+}
+
+impl Format {
+    const fn media_type(self) -> &'static str {
+        match self {
+            Self::Jpeg => "image/jpeg",
+            Self::Png => "image/png",
+            Self::Mp4 => "video/mp4",
+        }
+    }
 }
 
 /// Contents of the page.
@@ -20,8 +41,8 @@ pub struct Turntable {
 pub struct Made {
     /// Name of the scene.
     pub title: String,
-    /// Turntables.
-    pub turntables: Vec<Turntable>,
+    /// A photograph and turntables.
+    pub figures: Vec<Figure>,
     /// Name of the page with the scene itself, if there is one.
     pub scene: Option<String>,
     /// Names and values of facts.
@@ -33,23 +54,19 @@ pub struct Made {
 }
 
 impl Made {
-    /// HTML of the page, with the turntables in it.
+    /// HTML of the page, with the figures in it.
     ///
     /// # Errors
     ///
     /// A template that cannot be rendered.
     pub fn html(&self) -> Result<String> {
-        let turntables = self.turntables.iter().map(|turntable| Embedded {
-            caption: &turntable.caption,
-            is_video: turntable.is_video,
-            source: format!(
-                "data:{};base64,{}",
-                if turntable.is_video { "video/mp4" } else { "image/png" },
-                BASE64_STANDARD.encode(&turntable.bytes)
-            ),
+        let figures = self.figures.iter().map(|Figure { caption, bytes, format }| Embedded {
+            caption,
+            is_video: *format == Format::Mp4,
+            source: format!("data:{};base64,{}", format.media_type(), BASE64_STANDARD.encode(bytes)),
         });
         let facts = HtmlTable::new(["", ""], self.facts.clone());
-        Ok(Page { made: self, turntables: turntables.collect(), facts }.render()?)
+        Ok(Page { made: self, figures: figures.collect(), facts }.render()?)
     }
 }
 
@@ -63,7 +80,7 @@ struct Embedded<'a> {
 #[template(path = "made.html")]
 struct Page<'a> {
     made: &'a Made,
-    turntables: Vec<Embedded<'a>>,
+    figures: Vec<Embedded<'a>>,
     facts: HtmlTable,
 }
 
@@ -72,11 +89,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_page_holds_its_turntables() {
-        let turntable = Turntable { caption: "sunset".into(), bytes: vec![1, 2, 3], is_video: true };
-        let made = Made { title: "a <vase>".into(), turntables: vec![turntable], ..Made::default() };
+    fn the_page_holds_its_figures() {
+        let figure = |format| Figure { caption: "sunset".into(), bytes: vec![1, 2, 3], format };
+        let figures = vec![figure(Format::Jpeg), figure(Format::Mp4)];
+        let made = Made { title: "a <vase>".into(), figures, ..Made::default() };
         let html = made.html().unwrap();
-        assert!(html.contains("data:video/mp4;base64,AQID") && html.contains("sunset"), "{html}");
+        for source in ["data:video/mp4;base64,AQID", "data:image/jpeg;base64,AQID", "sunset"] {
+            assert!(html.contains(source), "{source} is missing: {html}");
+        }
         assert!(!html.contains("<vase>"), "{html}");
     }
 }

@@ -105,7 +105,9 @@ pub fn fuse_textured(
         (SceneRenderer::new(scene.clone(), Channels::Training, options)?, color)
     };
     let normals = layout.is_shaded().then_some(read);
-    let atlas = Atlas::new(&views.simplified(&mut renderer, normals, mesh, voxel, triangles)?, texels)?;
+    let mesh = views.simplified(&mut renderer, normals, mesh, voxel, triangles)?;
+    tracing::info!("unfolding {} triangles into textures of {texels} × {texels}", mesh.triangles.len());
+    let atlas = Atlas::new(&mesh, texels)?;
     let texels = Texels::new(&atlas);
     let means = views.means(&mut renderer, read, [&texels.positions, &texels.normals], voxel)?;
 
@@ -193,6 +195,7 @@ impl<P: FnMut(usize, usize)> Views<'_, P> {
             }
             None => vec![[0.0; 3]; mesh.positions.len()],
         };
+        tracing::info!("simplifying {} triangles to {count_max}", mesh.triangles.len());
         Ok(simplified(aligned(&mesh, &normals), count_max).with_own_normals())
     }
 

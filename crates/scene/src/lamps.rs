@@ -215,6 +215,13 @@ impl SphereChoice {
     }
 }
 
+/// Suns and lamps in a scene with this up direction; suns are turned about it by an angle in
+/// degrees.
+pub fn lamps_of(suns: &[SunChoice], spheres: &[SphereChoice], up: Vec3, turn: f32) -> Vec<Lamp> {
+    let suns = suns.iter().map(|sun| sun.lamp(up, turn));
+    suns.chain(spheres.iter().map(SphereChoice::lamp)).collect()
+}
+
 /// Orientation of an environment map turned about the scene's up direction by an angle in degrees,
 /// counterclockwise as seen from above, like azimuths.
 pub fn turned(orientation: MapOrientation, up: Vec3, degrees: f32) -> MapOrientation {

@@ -5,7 +5,7 @@ use crate::{
     RenderOptions, Scene, SceneError, SceneRenderer, Surface,
     backdrop::Backdrop,
     ground::{Ground, GroundPlane},
-    lamps::{SceneLamps, SphereChoice, SunChoice, turned},
+    lamps::{SceneLamps, SphereChoice, SunChoice, lamps_of, turned},
     light_file::MapUp,
 };
 use glam::Vec3;
@@ -57,8 +57,7 @@ impl Lighting {
 
     /// Suns and lamps in a scene with this up direction.
     pub fn lamps(&self, up: Vec3) -> Vec<Lamp> {
-        let suns = self.suns.iter().map(|sun| sun.lamp(up, self.turn));
-        suns.chain(self.spheres.iter().map(SphereChoice::lamp)).collect()
+        lamps_of(&self.suns, &self.spheres, up, self.turn)
     }
 
     /// Orientation of the map in a scene with this up direction.

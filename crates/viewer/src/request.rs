@@ -11,7 +11,7 @@ use specula_core::{
 };
 use specula_scene::{
     Layer, Shading,
-    lamps::{SphereChoice, SunChoice},
+    lamps::{SphereChoice, SunChoice, lamps_of},
 };
 
 /// Largest edge of a picture, in pixels.
@@ -317,8 +317,7 @@ impl LampSetting {
 
     /// Lamps in a scene with this up direction; suns are turned about it by an angle in degrees.
     pub(crate) fn lamps(&self, up: Vec3, turn: f32) -> Vec<Lamp> {
-        let suns = self.suns.iter().map(|sun| sun.lamp(up, turn));
-        suns.chain(self.spheres.iter().map(SphereChoice::lamp)).collect()
+        lamps_of(&self.suns, &self.spheres, up, turn)
     }
 }
 

@@ -131,8 +131,7 @@ pub(super) struct PageLight {
 
 impl PageLight {
     /// Lights that the arguments name, for a scene under its own light.
-    pub(super) fn new(args: &Export, scene: Scene) -> Result<Self, Failure> {
-        let lights = NamedLights::first(&args.first, &scene)?;
+    pub(super) fn new(args: &Export, scene: Scene, lights: NamedLights) -> Result<Self, Failure> {
         let up = args.env_options.env_up.into();
         let named = lights.env.clone().map(|map| (map, lights.up(up)));
         let first = args.env.clone().map(|map| (map, up)).or(named);

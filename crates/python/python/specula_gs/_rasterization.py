@@ -29,11 +29,11 @@ class Meta(dict[str, Any]):
     | `means2d` | [C, N, 2], packed [nnz, 2] | centres in pixels |
     | `radii` | [C, N, 2], packed [nnz, 2], int32 | half sizes in pixels, 0 for what is not drawn |
     | `depths` | [C, N], packed [nnz] | distances along the optical axes |
-    | `gaussian_ids`, `camera_ids` | packed [nnz], else None | |
+    | `gaussian_ids`, `camera_ids` | packed [nnz], else None | and `batch_ids` of batches |
     | `width`, `height`, `tile_size`, `n_cameras`, `n_batches` | int | |
 
-    With torch, `means2d` receives the gradient of the splats' centres (`retain_grad`). Other keys
-    of gsplat raise `UnsupportedKey`.
+    Batches precede C. With torch and without batches, `means2d` receives the gradient of the
+    splats' centres (`retain_grad`). Other keys of gsplat raise `UnsupportedKey`.
     """
 
     def __missing__(self, key: str) -> Any:
@@ -262,7 +262,7 @@ def forward(arguments: Arguments, options: Options, *, taped: bool, views: bool)
     means, quats, scales, opacities, colors, viewmats, Ks, backgrounds = arguments
     means = floats(means, "means")
     if means.ndim > 2:
-        raise Unsupported(f"means has the shape {list(means.shape)}; batches are not supported, use [N, 3]")
+        raise Unsupported(f"means has the shape {list(means.shape)}; batches have no vjp, use [N, 3]")
     check(means.shape, "means", ("N", 3))
     count = len(means)
     quats = shaped(quats, "quats", (count, 4))
@@ -442,10 +442,13 @@ def rasterization(
         rasterize_mode: "antialiased" compensates opacities for eps2d.
         tile_size, channel_chunk, segmented: without influence.
 
-    Other arguments are gsplat's and raise `Unsupported` unless they have their default.
+    Batch dimensions, the same ones of every array, may precede these shapes; each batch is
+    rasterised by itself. Other arguments are gsplat's and raise `Unsupported` unless they have
+    their default.
 
     Returns:
-        Pictures [C, H, W, X], coverages [C, H, W, 1] and `Meta`. X is D, 1 for depths, or D + 1.
+        Pictures [C, H, W, X], coverages [C, H, W, 1] and `Meta`, after the batch dimensions. X is
+        D, 1 for depths, or D + 1.
     """
     options = options_of(
         width=width,
@@ -474,12 +477,66 @@ def rasterization(
         viewmats_rs=viewmats_rs,
     )
     arguments = Arguments(means, quats, scales, opacities, colors, viewmats, Ks, backgrounds)
+    batch = _shape(means)[:-2]
+    return _rasterize_batches(arguments, options, batch) if batch else _rasterize(arguments, options)
+
+
+def _rasterize(arguments: Arguments, options: Options) -> tuple[Any, Any, Meta]:
     if any(is_tensor(array) for array in arguments):
         from ._torch import rasterize_tensors
 
         return rasterize_tensors(arguments, options)
     done = forward(arguments, options, taped=False, views=False)
     return done.colors, done.alphas, _meta_of(done, options)
+
+
+def _shape(array: Any) -> tuple[int, ...]:
+    if hasattr(array, "shape"):
+        return tuple(array.shape)
+    try:
+        return np.shape(array)
+    except ValueError as error:
+        raise InvalidInput(f"means is no array: {error}") from None
+
+
+def _rasterize_batches(arguments: Arguments, options: Options, batch: tuple[int, ...]) -> tuple[Any, Any, Meta]:
+    """Rasterises every batch by itself."""
+    count = math.prod(batch)
+    if count == 0:
+        raise InvalidInput(f"means has the shape {list(_shape(arguments.means))}, which has no batch")
+    flat: list[Any] = []
+    for name, array in zip(Arguments._fields, arguments):
+        if array is not None and not hasattr(array, "shape"):
+            array = floats(array, name)
+        if array is not None and tuple(array.shape[: len(batch)]) != batch:
+            raise InvalidInput(f"{name} has the shape {list(array.shape)}; it begins with {list(batch)}, as means does")
+        flat.append(None if array is None else array.reshape(count, *array.shape[len(batch) :]))
+    calls = [_rasterize(Arguments(*(None if array is None else array[k] for array in flat)), options) for k in range(count)]
+    colors, alphas, metas = zip(*calls)
+
+    def stacked(arrays: Any) -> Any:
+        return _stack(arrays).reshape(*batch, *arrays[0].shape)
+
+    meta = Meta(metas[0])
+    for name in ("means2d", "radii", "depths"):
+        arrays = [one[name] for one in metas]
+        meta[name] = _concatenate(arrays) if options.packed else stacked(arrays)
+    meta["batch_ids"] = None
+    if options.packed:
+        for name in ("camera_ids", "gaussian_ids"):
+            meta[name] = _concatenate([one[name] for one in metas])
+        ids = [one["gaussian_ids"] for one in metas]
+        meta["batch_ids"] = _concatenate([one * 0 + k for k, one in enumerate(ids)])
+    meta["n_batches"] = count
+    return stacked(colors), stacked(alphas), meta
+
+
+def _stack(arrays: Any) -> Any:
+    return sys.modules["torch"].stack(arrays) if is_tensor(arrays[0]) else np.stack(arrays)
+
+
+def _concatenate(arrays: Any) -> Any:
+    return sys.modules["torch"].cat(arrays) if is_tensor(arrays[0]) else np.concatenate(arrays)
 
 
 def rasterization_vjp(
