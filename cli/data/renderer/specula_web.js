@@ -572,7 +572,7 @@ let wasm_bindgen = (function(exports) {
                         const a = state0.a;
                         state0.a = 0;
                         try {
-                            return wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___js_sys_3eec17f19db1aaf0___Function_fn_wasm_bindgen_e5fa814648b6bd4a___JsValue_____wasm_bindgen_e5fa814648b6bd4a___sys__Undefined___js_sys_3eec17f19db1aaf0___Function_fn_wasm_bindgen_e5fa814648b6bd4a___JsValue_____wasm_bindgen_e5fa814648b6bd4a___sys__Undefined_______true_(a, state0.b, arg0, arg1);
+                            return wasm_bindgen__convert__closures_____invoke__h552f7b983ebe24ff(a, state0.b, arg0, arg1);
                         } finally {
                             state0.a = a;
                         }
@@ -863,33 +863,33 @@ let wasm_bindgen = (function(exports) {
                 arg0.writeBuffer(arg1, arg2, getArrayU8FromWasm0(arg3, arg4), arg5, arg6);
             }, arguments); },
             __wbindgen_generic_0000000000000001: function(arg0, arg1) {
-                // Cast intrinsic for `Closure(Closure { owned: true, function: Function { arguments: [Externref], shim_idx: 8, ret: Result(Unit), inner_ret: Some(Result(Unit)) }, mutable: true }) -> Externref`.
-                const ret = makeMutClosure(arg0, arg1, wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wasm_bindgen_e5fa814648b6bd4a___sys__JsNullable_wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuAdapter__GpuAdapter___core_b31b7de2bade8182___result__Result_____wasm_bindgen_e5fa814648b6bd4a___JsError___true_);
+                // Cast intrinsic for `Closure(Closure { owned: true, function: Function { arguments: [Externref], shim_idx: 47, ret: Result(Unit), inner_ret: Some(Result(Unit)) }, mutable: true }) -> Externref`.
+                const ret = makeMutClosure(arg0, arg1, wasm_bindgen__convert__closures_____invoke__h42fc3cc9142de6e8);
                 return ret;
             },
             __wbindgen_generic_0000000000000002: function(arg0, arg1) {
-                // Cast intrinsic for `Closure(Closure { owned: true, function: Function { arguments: [NamedExternref("GPUDevice")], shim_idx: 8, ret: Result(Unit), inner_ret: Some(Result(Unit)) }, mutable: true }) -> Externref`.
-                const ret = makeMutClosure(arg0, arg1, wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wasm_bindgen_e5fa814648b6bd4a___sys__JsNullable_wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuAdapter__GpuAdapter___core_b31b7de2bade8182___result__Result_____wasm_bindgen_e5fa814648b6bd4a___JsError___true__12);
+                // Cast intrinsic for `Closure(Closure { owned: true, function: Function { arguments: [NamedExternref("GPUDevice")], shim_idx: 47, ret: Result(Unit), inner_ret: Some(Result(Unit)) }, mutable: true }) -> Externref`.
+                const ret = makeMutClosure(arg0, arg1, wasm_bindgen__convert__closures_____invoke__h42fc3cc9142de6e8_12);
                 return ret;
             },
             __wbindgen_generic_0000000000000003: function(arg0, arg1) {
-                // Cast intrinsic for `Closure(Closure { owned: true, function: Function { arguments: [NamedExternref("GPUDeviceLostInfo")], shim_idx: 16, ret: Unit, inner_ret: Some(Unit) }, mutable: true }) -> Externref`.
-                const ret = makeMutClosure(arg0, arg1, wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuDeviceLostInfo__GpuDeviceLostInfo______true_);
+                // Cast intrinsic for `Closure(Closure { owned: true, function: Function { arguments: [NamedExternref("GPUDeviceLostInfo")], shim_idx: 53, ret: Unit, inner_ret: Some(Unit) }, mutable: true }) -> Externref`.
+                const ret = makeMutClosure(arg0, arg1, wasm_bindgen__convert__closures_____invoke__h2bb902f595cd663b);
                 return ret;
             },
             __wbindgen_generic_0000000000000004: function(arg0, arg1) {
-                // Cast intrinsic for `Closure(Closure { owned: true, function: Function { arguments: [NamedExternref("GPUUncapturedErrorEvent")], shim_idx: 16, ret: Unit, inner_ret: Some(Unit) }, mutable: true }) -> Externref`.
-                const ret = makeMutClosure(arg0, arg1, wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuDeviceLostInfo__GpuDeviceLostInfo______true__14);
+                // Cast intrinsic for `Closure(Closure { owned: true, function: Function { arguments: [NamedExternref("GPUUncapturedErrorEvent")], shim_idx: 53, ret: Unit, inner_ret: Some(Unit) }, mutable: true }) -> Externref`.
+                const ret = makeMutClosure(arg0, arg1, wasm_bindgen__convert__closures_____invoke__h2bb902f595cd663b_14);
                 return ret;
             },
             __wbindgen_generic_0000000000000005: function(arg0, arg1) {
-                // Cast intrinsic for `Closure(Closure { owned: true, function: Function { arguments: [NamedExternref("any")], shim_idx: 8, ret: Result(Unit), inner_ret: Some(Result(Unit)) }, mutable: true }) -> Externref`.
-                const ret = makeMutClosure(arg0, arg1, wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wasm_bindgen_e5fa814648b6bd4a___sys__JsNullable_wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuAdapter__GpuAdapter___core_b31b7de2bade8182___result__Result_____wasm_bindgen_e5fa814648b6bd4a___JsError___true__15);
+                // Cast intrinsic for `Closure(Closure { owned: true, function: Function { arguments: [NamedExternref("any")], shim_idx: 47, ret: Result(Unit), inner_ret: Some(Result(Unit)) }, mutable: true }) -> Externref`.
+                const ret = makeMutClosure(arg0, arg1, wasm_bindgen__convert__closures_____invoke__h42fc3cc9142de6e8_15);
                 return ret;
             },
             __wbindgen_generic_0000000000000006: function(arg0, arg1) {
-                // Cast intrinsic for `Closure(Closure { owned: true, function: Function { arguments: [NamedExternref("undefined")], shim_idx: 8, ret: Result(Unit), inner_ret: Some(Result(Unit)) }, mutable: true }) -> Externref`.
-                const ret = makeMutClosure(arg0, arg1, wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wasm_bindgen_e5fa814648b6bd4a___sys__JsNullable_wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuAdapter__GpuAdapter___core_b31b7de2bade8182___result__Result_____wasm_bindgen_e5fa814648b6bd4a___JsError___true__16);
+                // Cast intrinsic for `Closure(Closure { owned: true, function: Function { arguments: [NamedExternref("undefined")], shim_idx: 47, ret: Result(Unit), inner_ret: Some(Result(Unit)) }, mutable: true }) -> Externref`.
+                const ret = makeMutClosure(arg0, arg1, wasm_bindgen__convert__closures_____invoke__h42fc3cc9142de6e8_16);
                 return ret;
             },
             __wbindgen_generic_0000000000000007: function(arg0) {
@@ -922,44 +922,44 @@ let wasm_bindgen = (function(exports) {
         };
     }
 
-    function wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuDeviceLostInfo__GpuDeviceLostInfo______true_(arg0, arg1, arg2) {
-        wasm.wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuDeviceLostInfo__GpuDeviceLostInfo______true_(arg0, arg1, arg2);
+    function wasm_bindgen__convert__closures_____invoke__h2bb902f595cd663b(arg0, arg1, arg2) {
+        wasm.wasm_bindgen__convert__closures_____invoke__h2bb902f595cd663b(arg0, arg1, arg2);
     }
 
-    function wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuDeviceLostInfo__GpuDeviceLostInfo______true__14(arg0, arg1, arg2) {
-        wasm.wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuDeviceLostInfo__GpuDeviceLostInfo______true__14(arg0, arg1, arg2);
+    function wasm_bindgen__convert__closures_____invoke__h2bb902f595cd663b_14(arg0, arg1, arg2) {
+        wasm.wasm_bindgen__convert__closures_____invoke__h2bb902f595cd663b_14(arg0, arg1, arg2);
     }
 
-    function wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wasm_bindgen_e5fa814648b6bd4a___sys__JsNullable_wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuAdapter__GpuAdapter___core_b31b7de2bade8182___result__Result_____wasm_bindgen_e5fa814648b6bd4a___JsError___true_(arg0, arg1, arg2) {
-        const ret = wasm.wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wasm_bindgen_e5fa814648b6bd4a___sys__JsNullable_wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuAdapter__GpuAdapter___core_b31b7de2bade8182___result__Result_____wasm_bindgen_e5fa814648b6bd4a___JsError___true_(arg0, arg1, arg2);
+    function wasm_bindgen__convert__closures_____invoke__h42fc3cc9142de6e8(arg0, arg1, arg2) {
+        const ret = wasm.wasm_bindgen__convert__closures_____invoke__h42fc3cc9142de6e8(arg0, arg1, arg2);
         if (ret[1]) {
             throw takeFromExternrefTable0(ret[0]);
         }
     }
 
-    function wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wasm_bindgen_e5fa814648b6bd4a___sys__JsNullable_wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuAdapter__GpuAdapter___core_b31b7de2bade8182___result__Result_____wasm_bindgen_e5fa814648b6bd4a___JsError___true__12(arg0, arg1, arg2) {
-        const ret = wasm.wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wasm_bindgen_e5fa814648b6bd4a___sys__JsNullable_wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuAdapter__GpuAdapter___core_b31b7de2bade8182___result__Result_____wasm_bindgen_e5fa814648b6bd4a___JsError___true__12(arg0, arg1, arg2);
+    function wasm_bindgen__convert__closures_____invoke__h42fc3cc9142de6e8_12(arg0, arg1, arg2) {
+        const ret = wasm.wasm_bindgen__convert__closures_____invoke__h42fc3cc9142de6e8_12(arg0, arg1, arg2);
         if (ret[1]) {
             throw takeFromExternrefTable0(ret[0]);
         }
     }
 
-    function wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wasm_bindgen_e5fa814648b6bd4a___sys__JsNullable_wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuAdapter__GpuAdapter___core_b31b7de2bade8182___result__Result_____wasm_bindgen_e5fa814648b6bd4a___JsError___true__15(arg0, arg1, arg2) {
-        const ret = wasm.wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wasm_bindgen_e5fa814648b6bd4a___sys__JsNullable_wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuAdapter__GpuAdapter___core_b31b7de2bade8182___result__Result_____wasm_bindgen_e5fa814648b6bd4a___JsError___true__15(arg0, arg1, arg2);
+    function wasm_bindgen__convert__closures_____invoke__h42fc3cc9142de6e8_15(arg0, arg1, arg2) {
+        const ret = wasm.wasm_bindgen__convert__closures_____invoke__h42fc3cc9142de6e8_15(arg0, arg1, arg2);
         if (ret[1]) {
             throw takeFromExternrefTable0(ret[0]);
         }
     }
 
-    function wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wasm_bindgen_e5fa814648b6bd4a___sys__JsNullable_wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuAdapter__GpuAdapter___core_b31b7de2bade8182___result__Result_____wasm_bindgen_e5fa814648b6bd4a___JsError___true__16(arg0, arg1, arg2) {
-        const ret = wasm.wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___wasm_bindgen_e5fa814648b6bd4a___sys__JsNullable_wgpu_16bad878de4343f2___backend__webgpu__webgpu_sys__gen_GpuAdapter__GpuAdapter___core_b31b7de2bade8182___result__Result_____wasm_bindgen_e5fa814648b6bd4a___JsError___true__16(arg0, arg1, arg2);
+    function wasm_bindgen__convert__closures_____invoke__h42fc3cc9142de6e8_16(arg0, arg1, arg2) {
+        const ret = wasm.wasm_bindgen__convert__closures_____invoke__h42fc3cc9142de6e8_16(arg0, arg1, arg2);
         if (ret[1]) {
             throw takeFromExternrefTable0(ret[0]);
         }
     }
 
-    function wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___js_sys_3eec17f19db1aaf0___Function_fn_wasm_bindgen_e5fa814648b6bd4a___JsValue_____wasm_bindgen_e5fa814648b6bd4a___sys__Undefined___js_sys_3eec17f19db1aaf0___Function_fn_wasm_bindgen_e5fa814648b6bd4a___JsValue_____wasm_bindgen_e5fa814648b6bd4a___sys__Undefined_______true_(arg0, arg1, arg2, arg3) {
-        wasm.wasm_bindgen_e5fa814648b6bd4a___convert__closures_____invoke___js_sys_3eec17f19db1aaf0___Function_fn_wasm_bindgen_e5fa814648b6bd4a___JsValue_____wasm_bindgen_e5fa814648b6bd4a___sys__Undefined___js_sys_3eec17f19db1aaf0___Function_fn_wasm_bindgen_e5fa814648b6bd4a___JsValue_____wasm_bindgen_e5fa814648b6bd4a___sys__Undefined_______true_(arg0, arg1, arg2, arg3);
+    function wasm_bindgen__convert__closures_____invoke__h552f7b983ebe24ff(arg0, arg1, arg2, arg3) {
+        wasm.wasm_bindgen__convert__closures_____invoke__h552f7b983ebe24ff(arg0, arg1, arg2, arg3);
     }
 
 

@@ -18,9 +18,10 @@ use std::path::PathBuf;
 /// Light: .hdr or .exr, lat-long; .ktx2, prefiltered as by specula prefilter, and described in a
 /// .json of the same name. Mesh: .obj, or .ply with --mesh, fused from rendered depth maps; .glb
 /// with --mesh, a smoother mesh of fewer triangles with textures of a model's physical materials
-/// and normals, for engines and path tracers, and --sun, --lamp and --lights as its lights. Page: .html, one file with the scene and a renderer
-/// that any browser with WebGPU runs, where it can be relit; or a folder for a web server, whose
-/// name ends in a slash. A page starts under --env, with --sun, --lamp and --lights, on --ground.
+/// and normals, for engines and path tracers, and --sun, --lamp and --lights as its lights. Page:
+/// .html, one file with the scene and a renderer that any browser with WebGPU runs, where it can be
+/// relit; or a folder for a web server, whose name ends in a slash. A page starts under --env, with
+/// --sun, --lamp and --lights, on --ground.
 ///
 /// Other programs do not implement the shading function. With --bake sh, the default, the colours
 /// of shaded Gaussians are baked into spherical harmonics, fitted to the directions from which the

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 /// Largest number of pictures of which all pairs are matched at once.
 pub(crate) const FEW: usize = 30;
-/// Largest number of pictures of which all pairs are matched if those of a sequence register too few.
+/// Largest number of pictures of which all pairs are matched if a sequence registers too few.
 pub(crate) const EXHAUSTIVE: usize = 150;
 
 /// Sequence of pictures, each of which shows much of the next.

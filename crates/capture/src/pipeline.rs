@@ -28,7 +28,7 @@ const FRAMES: [f64; 2] = [40.0, 150.0];
 const MORE_FRAMES: f64 = 1.5;
 /// Share of pictures with a camera below which a second attempt is made.
 const REGISTERED_MIN: f64 = 0.7;
-/// Share of pictures with a camera below which all pairs are matched instead of those of a sequence.
+/// Share of pictures with a camera below which all pairs are matched.
 const REGISTERED_WELL: f64 = 0.95;
 /// Smallest number of points of a model.
 const POINTS_MIN: usize = 100;

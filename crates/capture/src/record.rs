@@ -94,8 +94,8 @@ impl Request {
 }
 
 impl Record {
-    /// Reads the record of a data set, or begins one. The record of a request with other masks keeps
-    /// them as [`Record::request`].
+    /// Reads the record of a data set, or begins one. That of a request with other masks keeps
+    /// them.
     ///
     /// # Errors
     ///
