@@ -9,7 +9,7 @@ use specula_io::{checkpoint, dataset::LoadOptions, model_folder, picture};
 use specula_report::made::{Figure, Format, Made};
 use specula_scene::{dataset::Dataset, text::shown};
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs,
     path::{Path, PathBuf},
 };
@@ -39,8 +39,9 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
             command_text(["specula", "train", &text(&data)])
         )));
     }
+    let mut commands = Commands::new(&args.output);
     if outcome.has_other_masks {
-        set_aside(&args.output)?;
+        commands.set_aside(&args.output)?;
     }
     let loaded = progress::silently(|| dataset::load(&data, &LoadOptions::default()))?;
     let findings = capture::findings(&data, &loaded)?;
@@ -48,7 +49,6 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     let findings: Vec<String> = findings.iter().map(capture::sentence).collect();
     findings.iter().for_each(|finding| tracing::warn!("{finding}"));
 
-    let mut commands = Commands::new(&args.output);
     let iterations = if args.quick {
         2000
     } else if args.capture.best {
@@ -71,7 +71,7 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     for (light, name) in args.env.iter().zip(names(&args.env)) {
         let (place, format) = match has_ffmpeg {
             true => (folder(&format!("{name}.mp4")), Format::Mp4),
-            false => (folder(&name), Format::Png),
+            false => (folder(&format!("{name}-turntable")), Format::Png),
         };
         let file = if has_ffmpeg { place.clone() } else { place.join("turntable.png") };
         let (light, place) = (text(light), text(&place));
@@ -105,30 +105,6 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     let page = folder("index.html");
     output::write_text(&page, &made.html()?)?;
     output::say(&format!("Page: {}", shown(&page)))
-}
-
-/// Moves what was made of the pictures without masks, or with other ones, to a folder of its own.
-fn set_aside(output: &Path) -> Result<(), Failure> {
-    let moved = |name: &str| !matches!(name, "data" | BEFORE) && !name.starts_with('.');
-    let entries = fs::read_dir(output).into_iter().flatten().flatten();
-    let old: Vec<_> = entries.filter(|entry| moved(&entry.file_name().to_string_lossy())).collect();
-    if old.is_empty() {
-        return Ok(());
-    }
-    let mut before = output.join(BEFORE);
-    for number in 2.. {
-        if !before.exists() {
-            break;
-        }
-        before = output.join(format!("{BEFORE}-{number}"));
-    }
-    output::make_folder(&before)?;
-    for entry in old {
-        let (from, to) = (entry.path(), before.join(entry.file_name()));
-        fs::rename(&from, &to).map_err(|cause| specula_io::Error::Write { path: to, cause })?;
-    }
-    tracing::info!("the masks are other ones: the earlier model and pages are in {before:?}");
-    Ok(())
 }
 
 /// Names of the turntables: those of the maps, with a number if one repeats.
@@ -168,6 +144,33 @@ impl Commands {
         Self { lines: Vec::new(), record, made: made.unwrap_or_default() }
     }
 
+    /// Moves what was made of the pictures without masks, or with other ones, to a folder of its own.
+    fn set_aside(&mut self, output: &Path) -> Result<(), Failure> {
+        let below = |file: &String| Path::new(file).strip_prefix(output).ok()?.iter().next().map(PathBuf::from);
+        let made = self.made.keys().filter_map(below);
+        let names: BTreeSet<PathBuf> =
+            ["model", "index.html", RECORD].into_iter().map(PathBuf::from).chain(made).collect();
+        let mut old = names.into_iter().filter(|name| output.join(name).exists()).peekable();
+        if old.peek().is_none() {
+            return Ok(());
+        }
+        let places =
+            (1..).map(|number| output.join(if number == 1 { BEFORE.into() } else { format!("{BEFORE}-{number}") }));
+        let before = places.into_iter().find(|place| !place.exists()).expect("there is a free name");
+        output::make_folder(&before)?;
+        for name in old {
+            let to = before.join(&name);
+            fs::rename(output.join(name), &to).map_err(|cause| specula_io::Error::Write { path: to, cause })?;
+        }
+        self.made.clear();
+        tracing::info!("the masks are other ones: the earlier model and pages are in {before:?}");
+        Ok(())
+    }
+
+    fn save(&self) -> Result<(), Failure> {
+        output::write_json(&self.record, &serde_json::json!(self.made))
+    }
+
     fn run(&mut self, words: &[&str]) -> Result<(), Failure> {
         if interrupt::is_requested() {
             return Err(Failure::Interrupted("interrupted; the same command continues".into()));
@@ -187,7 +190,7 @@ impl Commands {
         }
         self.run(words)?;
         self.made.insert(name, line);
-        output::write_json(&self.record, &serde_json::json!(self.made))
+        self.save()
     }
 
     /// Trains, or continues a training, unless the model is there.
@@ -195,6 +198,9 @@ impl Commands {
         if model_folder::latest_iteration(model).is_ok_and(|latest| latest >= iterations) {
             return Ok(());
         }
+        // Turntables and the page are those of another model.
+        self.made.clear();
+        self.save()?;
         if checkpoint::path_in(model).is_file() {
             return self.run(&["train", "-m", &text(model), "--resume"]);
         }

@@ -194,11 +194,16 @@ impl Run<'_> {
         }
         (request.masks, request.mask_with) = (None, None);
         self.record.done.retain(|step| step != "masks");
-        self.record.masks = None;
-        for folder in [self.work.join("masks"), self.options.output.join("masks")] {
-            match fs::remove_dir_all(&folder) {
-                Err(cause) if folder.exists() => return Err(Error::writing(&folder)(cause)),
-                _ => {}
+        // Other masks in the data set are those of the caller.
+        let given = self.options.masks.as_deref().and_then(|masks| fs::canonicalize(masks).ok());
+        if self.record.masks.take().is_some() {
+            let folders = [self.work.join("masks"), self.options.output.join("masks")];
+            for folder in folders.into_iter().filter(|folder| given.is_none() || fs::canonicalize(folder).ok() != given)
+            {
+                match fs::remove_dir_all(&folder) {
+                    Err(cause) if folder.exists() => return Err(Error::writing(&folder)(cause)),
+                    _ => {}
+                }
             }
         }
         self.record.save()?;
@@ -245,13 +250,14 @@ impl Run<'_> {
         self.features(number, &database, &names, masks.as_deref(), quality, &mut attempt)?;
         let most = if number == 1 { EXHAUSTIVE } else { SECOND_EXHAUSTIVE };
         let is_sparse = number == 1 && !self.options.is_best && names.len() > FEW;
-        let sequence = match names.len() {
-            count if count > most => Some(Sequence::DENSE),
+        let is_video = matches!(inputs, [Input::Video(_)]);
+        let sequence = match names.len() > most {
+            true if !is_sparse || !is_video => Some(Sequence::DENSE),
             _ => is_sparse.then_some(Sequence::SPARSE),
         };
         self.models(Matching::First(number), &database, &names, sequence, &mut attempt)?;
         let is_well = attempt.registered() as f64 >= REGISTERED_WELL * names.len() as f64;
-        if sequence == Some(Sequence::SPARSE) && !is_well {
+        if sequence == Some(Sequence::SPARSE) && names.len() <= most && !is_well {
             tracing::info!("{} of {} pictures have a camera; matching all pairs", attempt.registered(), names.len());
             self.models(Matching::AllPairs(number), &database, &names, None, &mut attempt)?;
         }

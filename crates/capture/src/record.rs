@@ -87,6 +87,10 @@ pub(crate) struct Record {
 }
 
 impl Request {
+    fn has_masks(&self) -> bool {
+        self.masks.is_some() || self.mask_with.is_some()
+    }
+
     /// The request without its masks, which may be added to a capture.
     fn unmasked(&self) -> Self {
         Self { masks: None, mask_with: None, ..self.clone() }
@@ -110,7 +114,8 @@ impl Record {
         let found: Self = serde_json::from_str(&text).map_err(|cause| {
             Error::Input(format!("{path:?} is no record of a capture ({cause}); use another folder with -o"))
         })?;
-        if found.request.unmasked() != request.unmasked() {
+        let loses_masks = found.request != *request && !request.has_masks() && found.request.has_masks();
+        if loses_masks || found.request.unmasked() != request.unmasked() {
             return Err(Error::Input(format!(
                 "{folder:?} has a capture of {:?} with other options or inputs; use another folder with -o, or remove it",
                 found.request.inputs
@@ -157,8 +162,14 @@ mod tests {
         let other = Request { frames: Some(9), ..request.clone() };
         let sentence = Record::open(folder.path(), &other).unwrap_err().to_string();
         assert!(sentence.contains("walk.mov") && sentence.contains("-o"), "{sentence}");
-        let masked = Request { masks: Some("masks".into()), frames: None, ..other.clone() };
-        assert_eq!(Record::open(folder.path(), &masked).unwrap().request.masks, None);
+        let masked = Request { masks: Some("masks".into()), ..request.clone() };
+        let mut record = Record::open(folder.path(), &masked).unwrap();
+        assert_eq!(record.request.masks, None, "masks are added to what is there");
+        record.request = masked.clone();
+        record.save().unwrap();
+        let others = Request { masks: Some("others".into()), ..request.clone() };
+        assert_eq!(Record::open(folder.path(), &others).unwrap().request, masked);
+        assert!(Record::open(folder.path(), &request).is_err(), "masks are not dropped");
         fs::write(folder.path().join(NAME), "{").unwrap();
         assert!(Record::open(folder.path(), &other).unwrap_err().to_string().contains("no record"));
     }
