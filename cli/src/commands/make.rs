@@ -144,7 +144,7 @@ impl Commands {
         Self { lines: Vec::new(), record, made: made.unwrap_or_default() }
     }
 
-    /// Moves what was made of the pictures without masks, or with other ones, to a folder of its own.
+    /// Moves what was made without masks, or with other ones, to a folder of its own.
     fn set_aside(&mut self, output: &Path) -> Result<(), Failure> {
         let below = |file: &String| Path::new(file).strip_prefix(output).ok()?.iter().next().map(PathBuf::from);
         let made = self.made.keys().filter_map(below);
