@@ -227,6 +227,11 @@ impl Exporter<'_> {
         &self.opened.scene
     }
 
+    /// Up direction of the scene.
+    fn up(&self) -> Result<Vec3, Failure> {
+        Ok(orientation::up(&self.opened.orientation(self.args.scene_options.scene_up.map(Into::into))?))
+    }
+
     fn options(&self) -> RenderOptions {
         (&self.args.scene_options.renderer).into()
     }
@@ -416,8 +421,7 @@ impl Exporter<'_> {
         let Fused { mesh, omitted } = fused?.ok_or_else(|| self.no_surface())?;
         let placement = self.upright(AxisConvention::YUp).map(|upright| upright.node_transform());
         let origin = if placement.is_some() { [0.0; 3] } else { self.opened.origin };
-        let up = orientation::up(&self.opened.orientation(self.args.scene_options.scene_up.map(Into::into))?);
-        let lamps = self.lights.lamps(up);
+        let lamps = self.lights.lamps(self.up()?);
         textured::write(path, &mesh, &lamps, placement, origin)?;
         let content = match mesh.surface {
             Some(_) => "base colour, roughness and metalness are means",

@@ -84,12 +84,10 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     let scene = folder("scene.html");
     let maps: Vec<String> = args.env.iter().map(|map| text(map)).collect();
     let (first, others) = maps.split_first().expect("there is a light");
-    let mut words = vec!["export".to_owned(), text(&model), "--no-error".into(), "-o".into(), text(&scene)];
-    words.extend(common.iter().map(|word| (*word).to_owned()));
-    words.extend(["--env".to_owned(), first.clone()]);
-    words.extend((!others.is_empty()).then(|| "--page-env".to_owned()));
-    words.extend_from_slice(others);
-    commands.write(&scene, &words.iter().map(String::as_str).collect::<Vec<_>>())?;
+    let offered = (!others.is_empty()).then_some("--page-env").into_iter().chain(others.iter().map(String::as_str));
+    let offered: Vec<&str> = offered.collect();
+    let export = ["export", &text(&model), "--no-error", "-o", &text(&scene)];
+    commands.write(&scene, &[&export[..], &common, &["--env", first], &offered].concat())?;
 
     let mut facts = vec![["cameras".to_owned(), format!("{} of {} pictures", outcome.registered, outcome.pictures)]];
     facts.push(["iterations".into(), iterations.to_string()]);

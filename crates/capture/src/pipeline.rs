@@ -255,11 +255,15 @@ impl Run<'_> {
             true if !is_sparse || !is_video => Some(Sequence::DENSE),
             _ => is_sparse.then_some(Sequence::SPARSE),
         };
-        self.models(Matching::First(number), &database, &names, sequence, &mut attempt)?;
+        let first = Matching::First(number);
+        self.matches(first, &database, &names, sequence, &mut attempt)?;
+        self.map(first, &database, names.len(), &mut attempt)?;
         let is_well = attempt.registered() as f64 >= REGISTERED_WELL * names.len() as f64;
         if sequence == Some(Sequence::SPARSE) && names.len() <= most && !is_well {
             tracing::info!("{} of {} pictures have a camera; matching all pairs", attempt.registered(), names.len());
-            self.models(Matching::AllPairs(number), &database, &names, None, &mut attempt)?;
+            let all = Matching::AllPairs(number);
+            self.matches(all, &database, &names, None, &mut attempt)?;
+            self.map(all, &database, names.len(), &mut attempt)?;
         }
         self.record.attempts.truncate(number - 1);
         self.record.attempts.push(attempt);
@@ -452,19 +456,6 @@ impl Run<'_> {
             tracing::warn!("{count} pictures have no features: {error}");
         }
         Ok(())
-    }
-
-    /// Models from the pairs of a sequence, or all pairs.
-    fn models(
-        &mut self,
-        matching: Matching,
-        database: &Path,
-        names: &[PathBuf],
-        sequence: Option<Sequence>,
-        attempt: &mut Attempt,
-    ) -> Result<()> {
-        self.matches(matching, database, names, sequence, attempt)?;
-        self.map(matching, database, names.len(), attempt)
     }
 
     /// Matches the pairs of a sequence, or all pairs.
