@@ -68,7 +68,7 @@ pub(crate) fn work(title: &str, steps: u64) -> Work {
     let known = Arc::clone(&left);
     let write_left = move |state: &ProgressState, out: &mut dyn fmt::Write| {
         // Failing to write a bar must not stop the program.
-        let _ = match locked(&known).seconds(state.len().unwrap_or(0)) {
+        let _ = match shown_seconds(&locked(&known), state.pos(), state.len().unwrap_or(0)) {
             Some(seconds) => write!(out, "{}", Spoken(seconds)),
             None => write!(out, "?"),
         };
@@ -176,10 +176,16 @@ impl Work {
     fn print_line(&self, message: &str) {
         let (done, all) = (self.bar.position(), self.bar.length().unwrap_or(0));
         let gap = if message.is_empty() { "" } else { ", " };
-        let left = locked(&self.left).seconds(all);
+        let left = shown_seconds(&locked(&self.left), done, all);
         let left = left.map_or(String::new(), |seconds| format!(", {} left", Spoken(seconds)));
         tracing::info!("{} {done}/{all}{gap}{message}{left}", self.bar.prefix());
     }
+}
+
+/// Seconds left, once the steps done say something about the others.
+fn shown_seconds(left: &TimeLeft, done: u64, all: u64) -> Option<f64> {
+    const SHARE: u64 = 50;
+    if SHARE * done < all { None } else { left.seconds(all) }
 }
 
 /// Locks the estimate, even after a panic of another thread.

@@ -58,7 +58,11 @@ pub(crate) fn open_as(path: &Path, options: &SceneOptions) -> Result<OpenedModel
         if kept == 0 {
             return Err(Failure::Input(format!("{path:?} has no Gaussian in {place}; use another centre or radius")));
         }
-        tracing::info!("{} of {} Gaussians are in {place}", group_digits(kept), group_digits(all));
+        tracing::info!(
+            "the crop keeps {} of {} Gaussians; the same region: {place}",
+            group_digits(kept),
+            group_digits(all)
+        );
     }
     Ok(opened)
 }

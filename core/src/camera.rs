@@ -87,6 +87,7 @@ pub const ROTATION_ERROR: f64 = 1e-3;
 
 /// Matrix that is not that of a pinhole camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum CameraError {
     /// A number is not finite.
     NotFinite,

@@ -88,6 +88,7 @@ pub enum Lamp {
 
 /// Fault of a lamp.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum LampError {
     /// There are more lamps than [`LAMPS_MAX`], or no shadow rays, or more than [`RAYS_MAX`].
     Count,

@@ -264,6 +264,7 @@ pub fn initial_weight(index: usize, number: f32, seed: u64) -> f32 {
 
 /// Fault of a light's network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum LightNetworkError {
     /// The scheme is a cube map's.
     Scheme,

@@ -132,6 +132,7 @@ const COST_MAX: usize = 4096;
 
 /// Fault of a near field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum NearFieldError {
     /// There are no triangles, or more nodes, triangles or vertices than can be counted.
     Size,

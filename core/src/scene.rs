@@ -189,6 +189,7 @@ impl<A> Gaussians<A> {
 
 /// Error of a change of some of the Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ChangeError {
     /// Another number of Gaussians, or other planes, than before.
     Shape,

@@ -11,6 +11,7 @@ use specula_core::{
 
 /// Error of a stage.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum CpuError {
     /// A picture's bytes do not fit its size.
     #[error("a picture of {width} × {height} pixels needs {expected} bytes of RGBA, but has {found}")]

@@ -50,6 +50,12 @@ pub(crate) fn material_options(data: &Dataset) -> &'static [&'static str] {
 /// Makes a data set, or continues to.
 pub(crate) fn capture(inputs: &[PathBuf], folder: &Path, options: &CaptureOptions) -> Result<Outcome, Failure> {
     specula_capture::check(inputs)?;
+    let place = PathBuf::from(output::absolute(folder));
+    if let Some(input) = inputs.iter().find(|input| input.is_dir() && place.starts_with(output::absolute(input))) {
+        return Err(Failure::Input(format!(
+            "{folder:?} is in {input:?}, whose pictures are the input; use a folder outside with -o"
+        )));
+    }
     output::make_folder(folder)?;
     let _lock = output::lock(folder)?;
     interrupt::watch()?;

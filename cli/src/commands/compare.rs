@@ -7,6 +7,7 @@ use crate::{
 };
 use specula_report::comparison::{Comparison, Format, Measurement, Missing};
 use specula_scene::text::shown;
+use std::io::{IsTerminal, stdout};
 
 /// Reads the files of every run, and prints or writes the table.
 pub(crate) fn run(args: &Compare) -> Result<(), Failure> {
@@ -19,9 +20,13 @@ pub(crate) fn run(args: &Compare) -> Result<(), Failure> {
         )));
     }
     let warnings = warnings(&comparison);
-    comparison.missing().iter().map(advice).chain(warnings.iter().cloned()).for_each(|note| tracing::info!("{note}"));
-
     let text = comparison.to_text(format, &warnings);
+    // A table on the terminal has its warnings below it.
+    let is_on_terminal = args.output.is_none() && stdout().is_terminal();
+    let is_shown = |warning: &String| is_on_terminal && text.contains(warning.as_str());
+    let untold = warnings.iter().filter(|warning| !is_shown(warning)).cloned();
+    comparison.missing().iter().map(advice).chain(untold).for_each(|note| tracing::info!("{note}"));
+
     match &args.output {
         Some(path) => output::write_text(path, &text),
         None => output::say(text.trim_end()),

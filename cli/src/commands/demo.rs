@@ -78,8 +78,8 @@ fn write_ball(folder: &Path) -> Result<(), Failure> {
 fn next_commands(folder: &Path) -> String {
     let model = shown(&folder.join(PROFILES[1]));
     format!(
-        "specula view {model} --env sunset --sun 30,40, specula relight {model} --env sunset --sun 30,40 --ground \
-         --turntable 24"
+        "specula view {model} --env sunset --sun 30,40 --ground, specula relight {model} --env sunset --exposure -1 \
+         --sun 30,40,2.5 --ground --turntable 24 --size 480,480"
     )
 }
 
@@ -149,6 +149,7 @@ fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> R
 
     let options = RenderOptions::full_precision(ExecutorChoice::Cpu);
     let mut renderer = SceneRenderer::new(scene.clone(), Channels::Training, &options)?;
+    tracing::info!("{name}: measuring {} held-out views", data.test.len());
     let measured = measure_views(&mut renderer, &data.test, BackgroundColor::WHITE, false)?;
     model_folder::save_quality(&folder, &model_folder::method_of(args.iterations), &measure::quality(&measured))?;
     Ok(TrainedScene { name, measures: measure::means(&measured), seconds: outcome.seconds, scene })

@@ -130,6 +130,13 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     if let Some(env) = args.env.as_ref().filter(|_| !formats.iter().all(is_page)) {
         let up = orientation::up(&opened.orientation(args.scene_options.scene_up.map(Into::into))?);
         relight(&mut opened.scene, env, (&args.env_options).into(), up)?;
+        opened.is_relit = true;
+    }
+    if has_mesh && opened.crop.is_some() {
+        tracing::info!(
+            "--crop keeps what the object stands on, which becomes part of the mesh; masks (docs/photographs.md) or a smaller \
+             --crop leave only the object"
+        );
     }
     for path in &args.output {
         output::make_folder(output::folder_of(path))?;
@@ -168,8 +175,8 @@ struct Baked {
 }
 
 fn format_of(path: &Path, is_mesh: bool) -> Result<ExportFormat, Failure> {
-    let expected = ".ply, .splat, .spz, .glb, .usda or .usdz (Gaussians), .hdr, .exr or .ktx2 (light), .obj (mesh), .html or a \
-                    slash (page)";
+    let expected = ".ply, .splat, .spz, .glb, .usda or .usdz (Gaussians), .glb with --mesh (mesh with materials, for Blender), .obj \
+                    (mesh), .hdr, .exr or .ktx2 (light), .html or a slash (page)";
     if path.is_dir() || path.as_os_str().to_string_lossy().ends_with(std::path::is_separator) {
         return Ok(ExportFormat::PageFolder);
     }

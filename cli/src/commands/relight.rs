@@ -47,7 +47,9 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     refuse_options_without_light(plan.env(), (&args.env_options).into())?;
     let mut set = CameraSet::choose(&(&args.views).into(), &opened)?;
     set.keep_light_still();
-    note_turned(args.views.upright, &set);
+    let orientation = opened.orientation(scene_options.scene_up.map(Into::into))?;
+    let up = orientation::up(&orientation);
+    note_turned(args.views.upright, &set, up);
     if let Some(count) = args.lights.turn_light {
         set = of_one_camera(set, count);
     }
@@ -55,8 +57,6 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
         video.note_cuts(&set);
     }
     let truths = args.truth.as_deref().map(|folder| GroundTruth::read(folder, &set.cameras)).transpose()?;
-    let orientation = opened.orientation(scene_options.scene_up.map(Into::into))?;
-    let up = orientation::up(&orientation);
     let options = RenderOptions::from(&scene_options.renderer);
     let shading = args.views.shading.shading();
     plan.refuse_view_dependent(shading)?;
@@ -109,6 +109,12 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
 
 /// Options of the pictures. Ground is white where it would be as black as the shadows on it.
 fn over_ground(args: &Relight, has_ground: bool, opened: &OpenedModel) -> ViewOptions {
+    if has_ground && opened.crop.is_some() {
+        tracing::info!(
+            "--crop keeps what the object stands on, which covers the ground in part; masks leave only the object \
+             (docs/photographs.md)"
+        );
+    }
     if !has_ground || args.views.background.is_some() || opened.background() != [0.0; 3] {
         return args.views.clone();
     }

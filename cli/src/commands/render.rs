@@ -12,6 +12,7 @@ use crate::{
     },
     video::{self, Video},
 };
+use glam::Vec3;
 use specula_core::shade::ShadingForm;
 use specula_io::model_folder::ModelInfo;
 use specula_report::certificate::CertifiedScene;
@@ -41,13 +42,13 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     if args.env.is_some() {
         set.keep_light_still();
     }
-    note_turned(args.views.upright, &set);
+    let orientation = opened.orientation(scene_options.scene_up.map(Into::into))?;
+    let up = orientation::up(&orientation);
+    note_turned(args.views.upright, &set, up);
     if let Some(video) = &video {
         video.note_cuts(&set);
     }
     note_oddities(&opened);
-    let orientation = opened.orientation(scene_options.scene_up.map(Into::into))?;
-    let up = orientation::up(&orientation);
     let light_options = LightOptions::from(&args.env_options);
     let mut map = None;
     if let Some(env) = &args.env {
@@ -117,9 +118,16 @@ fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
 }
 
 /// Notes the effect of --upright, which pictures may not show.
-pub(super) fn note_turned(is_upright: bool, set: &CameraSet) {
+pub(super) fn note_turned(is_upright: bool, set: &CameraSet, up: Vec3) {
     if is_upright && !set.is_turned {
         tracing::info!("every picture is upright already; --upright rotated none");
+    }
+    let turned = set.cameras.iter().filter(|(_, camera)| camera.turns_upright(up) != 0).count();
+    if !is_upright && 2 * turned > set.cameras.len() {
+        tracing::info!(
+            "{turned} of {} pictures are not upright, as photographed; --upright turns them",
+            set.cameras.len()
+        );
     }
 }
 

@@ -207,7 +207,9 @@ fn profile_of(args: &Train, data: &Capture) -> Result<Profile, Failure> {
         } else {
             ""
         };
-        tracing::info!("every picture has alpha: settings for objects{materials} (docs/training.md)");
+        tracing::info!(
+            "alpha or masks cut the object out of every picture: settings for objects{materials} (docs/training.md)"
+        );
     }
     if profile.light.is_some() {
         profile.foreground = args.start.foreground.ball(data.orientation.as_ref(), data.origin);
@@ -393,7 +395,16 @@ fn with_resolution(args: &Train) -> Result<Train, Failure> {
 fn options_of(args: &Train) -> LoadOptions {
     let Photographs { images, test_every, masks, .. } = args.photographs.clone();
     let points = args.start.points.clone();
-    LoadOptions { downscale: args.resolution, with_test: args.eval, points, images, test_every, origin: None, masks }
+    LoadOptions {
+        downscale: args.resolution,
+        with_test: args.eval,
+        points,
+        images,
+        test_every,
+        origin: None,
+        masks,
+        light_table: args.start.lights_by.clone(),
+    }
 }
 
 fn load(args: &Train, local: usize, exchange: Option<&mut dyn Exchange>) -> Result<Capture, Failure> {

@@ -13,19 +13,11 @@ use std::{fs, path::Path, process::Stdio, thread};
 
 /// Steps of a training that is interrupted.
 const ITERATIONS: u32 = 120;
-/// Words of such a training; densification takes part.
-const WORDS: [&str; 10] = [
-    "--iterations",
-    "120",
-    "--random-points",
-    "200",
-    "--light-resolution",
-    "16",
-    "--densification-interval",
-    "10",
-    "--checkpoint-every",
-    "1",
-];
+/// Iterations of a training by several ranks.
+const SHARED: u32 = 40;
+/// Words of such trainings; densification takes part.
+const WORDS: [&str; 8] =
+    ["--random-points", "200", "--light-resolution", "16", "--densification-interval", "10", "--checkpoint-every", "1"];
 
 /// Result of a training: Gaussians, light and near field, if there is one, to the last bit.
 fn model_of(folder: &Path, iteration: u32) -> ([Vec<u8>; 2], Option<Vec<u8>>) {
@@ -33,10 +25,10 @@ fn model_of(folder: &Path, iteration: u32) -> ([Vec<u8>; 2], Option<Vec<u8>>) {
     (whole, fs::read(near_field_at(folder, iteration)).ok())
 }
 
-fn started(tiny: &Tiny, model: &str, more: &[&str]) -> assert_cmd::Command {
+fn started(tiny: &Tiny, model: &str, iterations: u32, more: &[&str]) -> assert_cmd::Command {
     let mut command = specula();
     command.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path(model)).args(WORDS).args(["--executor", "cpu"]);
-    command.args(more);
+    command.args(["--iterations", &iterations.to_string()]).args(more);
     command
 }
 
@@ -69,7 +61,8 @@ mod killed {
         if checkpoint::path_in(&tiny.path(model)).is_file() {
             command.arg("--resume");
         } else {
-            command.arg(tiny.data()).args(WORDS).args(["--executor", "cpu"]).args(more);
+            let iterations = ITERATIONS.to_string();
+            command.arg(tiny.data()).args(WORDS).args(["--executor", "cpu", "--iterations", &iterations]).args(more);
         }
         command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
     }
@@ -86,7 +79,7 @@ mod killed {
         const TIMES: u64 = 6;
         const LONGEST: u64 = 500;
         let tiny = Tiny::new();
-        started(&tiny, "whole", more).assert().success();
+        started(&tiny, "whole", ITERATIONS, more).assert().success();
         let model = tiny.path("model");
         for k in 0..TIMES {
             let code = end(spawned(&tiny, "model", more), signal, random::bits(5, 0, k) % LONGEST);
@@ -187,21 +180,22 @@ fn a_finished_training_continues_for_longer() {
 fn ranks_that_are_threads_write_the_same_model() {
     let tiny = Tiny::new();
     let batch = ["--views-per-step", "3"];
-    started(&tiny, "alone", &batch).assert().success();
-    let stderr = started(&tiny, "shared", &batch).args(["--ranks", "3"]).assert().success().get_output().stderr.clone();
-    assert!(model_of(&tiny.path("shared"), ITERATIONS) == model_of(&tiny.path("alone"), ITERATIONS));
+    started(&tiny, "alone", SHARED, &batch).assert().success();
+    let stderr =
+        started(&tiny, "shared", SHARED, &batch).args(["--ranks", "3"]).assert().success().get_output().stderr.clone();
+    assert!(model_of(&tiny.path("shared"), SHARED) == model_of(&tiny.path("alone"), SHARED));
     // Memory of two pictures, then of none.
     for (model, memory, ranks) in [("few", "8e-6", "2"), ("none", "0", "1")] {
-        started(&tiny, model, &batch).args(["--picture-memory", memory, "--ranks", ranks]).assert().success();
-        assert!(model_of(&tiny.path(model), ITERATIONS) == model_of(&tiny.path("alone"), ITERATIONS), "{memory} GiB");
+        started(&tiny, model, SHARED, &batch).args(["--picture-memory", memory, "--ranks", ranks]).assert().success();
+        assert!(model_of(&tiny.path(model), SHARED) == model_of(&tiny.path("alone"), SHARED), "{memory} GiB");
     }
     let stderr = String::from_utf8(stderr).unwrap();
     for rank in 0..3 {
         assert!(stderr.contains(&format!("rank {rank} sent ")), "{stderr}");
     }
-    started(&tiny, "single", &[]).assert().success();
-    let single = model_of(&tiny.path("single"), ITERATIONS);
-    assert!(single != model_of(&tiny.path("alone"), ITERATIONS), "the comparison can fail");
+    started(&tiny, "single", SHARED, &[]).assert().success();
+    let single = model_of(&tiny.path("single"), SHARED);
+    assert!(single != model_of(&tiny.path("alone"), SHARED), "the comparison can fail");
 }
 
 #[test]

@@ -113,6 +113,12 @@ fn lists_folders_and_tables_name_the_same_lights() {
     let tiny = evening();
     train(&tiny, "table", Some(&table(&tiny))).assert().success();
     let expected = bits(&tiny, "table");
+    // A table in the data set is proposed, unless it is in use.
+    let inside = tiny.file("lights.csv");
+    fs::copy(table(&tiny), &inside).unwrap();
+    assert!(stderr(specula().arg("info").arg(tiny.data()), 0).contains("add --lights-by "));
+    assert!(!stderr(&mut train(&tiny, "inside", Some(&inside)), 0).contains("lights.csv\" ("));
+    fs::remove_file(&inside).unwrap();
     for split in ["train", "test"] {
         let path = tiny.file(&format!("transforms_{split}.json"));
         let mut list = json_of(&path);
@@ -205,6 +211,7 @@ fn lights_that_a_model_does_not_have_are_refused() {
     assert!(said.contains("2 lights") && said.contains("no light 3"), "{said}");
     assert!(open(&["export"], 0).contains("light 1 of 2, \"noon\""));
     assert!(open(&["export", "--light", "2"], 0).contains("light 2 of 2, \"evening\""));
+    open(&["export", "--env", "sunset"], 0);
     let said = stderr(specula().arg("render").arg(&model).args(["--env", "sunset", "--light", "1"]), 2);
     assert!(said.contains("omit --light"), "{said}");
     let said = stderr(specula().arg("render").arg(&model).args(["--background", "env"]), 2);

@@ -199,7 +199,7 @@ fn gap(evidence: &Evidence<'_>) -> Option<Finding> {
     let widest = gaps.fold(first + 360.0 - last, f64::max);
     (azimuths.len() >= 3 && widest > GAP_MAX).then(|| Finding {
         kind: "coverage",
-        cause: format!("no camera sees the object from {widest:.0}° of the circle around it"),
+        cause: format!("no camera is in a sector of {widest:.0}° around the object"),
         remedy: "add pictures from there, or expect nothing behind it: turntables go back and forth in front of it",
     })
 }

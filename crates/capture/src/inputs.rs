@@ -84,9 +84,9 @@ fn refuse(path: &Path, what: &str) -> Error {
 
 /// Sentence for pictures in a format that is not read.
 fn unread_remedy(first: &Path, count: usize) -> String {
-    let ending = first.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    let ending = first.extension().unwrap_or_default().to_string_lossy();
     let folder = first.parent().unwrap_or(Path::new("")).display();
-    let remedy = match ending.as_str() {
+    let remedy = match ending.to_lowercase().as_str() {
         "heic" | "heif" => {
             format!("for f in {folder}/*.{ending}; do heif-convert -q 95 \"$f\" \"${{f%.*}}.jpg\"; done")
         }

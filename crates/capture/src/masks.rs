@@ -18,7 +18,7 @@ pub(crate) fn copy(from: &Path, images: &Path, names: &[PathBuf], to: &Path) -> 
     if pairs.is_empty() {
         let first = names.first().map_or("1.jpg".into(), |name| name.display().to_string());
         return Err(Error::Input(format!(
-            "{from:?} has {} files, none of which is the mask of a picture; the mask of {first} is named {first}.png or \
+            "none of the files in {from:?} ({}) is the mask of a picture; the mask of {first} is named {first}.png or \
              has the name of the picture",
             found.unused.len()
         )));

@@ -291,8 +291,8 @@ impl Run<'_> {
         let names = self.distinct(names)?;
         if names.len() < PICTURES_MIN {
             return Err(Error::Input(format!(
-                "there are {} different pictures, which is too few for cameras; take 50 to 150 around the object, or a video \
-                 of 20 to 60 seconds",
+                "different pictures: {}, which is too few for cameras; take 50 to 150 around the object, or a video of 20 to \
+                 60 seconds",
                 names.len()
             )));
         }
@@ -380,7 +380,10 @@ impl Run<'_> {
             self.refuse_interruption()?;
         }
         if let Some(first) = self.record.skipped.first() {
-            tracing::warn!("skipped {} pictures: {first}; capture.json lists them", self.record.skipped.len());
+            tracing::warn!(
+                "pictures skipped: {}, such as: {first}; capture.json lists them",
+                self.record.skipped.len()
+            );
         }
         Ok(kept)
     }

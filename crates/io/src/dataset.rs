@@ -96,6 +96,7 @@ impl Album {
     /// An error of the listing or of the points.
     pub fn list(folder: &Path, options: &LoadOptions) -> Result<Self> {
         let (files, mut listing) = list(folder, options)?;
+        listing.used.extend(options.light_table.clone());
         let report = Report::of(&files, &listing);
         if let Some(path) = &options.points {
             listing.points = Some(points_ply::read_noting(path, &mut listing.notes)?);

@@ -1,6 +1,7 @@
 //! Unused files of a data set.
 
 use crate::{
+    light_table::LightTable,
     listing::Listing,
     named::{Files, is_picture, key_of},
     shot::Shot,
@@ -39,7 +40,7 @@ pub(crate) fn left_out(files: &Files, listing: &Listing) -> Vec<String> {
         .into_iter()
         .map(|(folder, count)| format!("{count} pictures of {:?} without a camera", files.root.join(folder)));
     let broken = files.broken.iter().map(|path| format!("{path:?} (cannot be opened)"));
-    let entries = entries.into_iter().map(|(top, count)| entry(top, count));
+    let entries = entries.into_iter().map(|(top, count)| entry(&files.root, top, count));
     let all: Vec<String> = pictures.chain(broken).chain(entries).collect();
     let more = all.len().saturating_sub(ENTRIES_MAX);
     let rest = (more > 0).then(|| format!("and {more} more"));
@@ -67,11 +68,14 @@ fn is_aside(path: &Path) -> bool {
 }
 
 /// Folder or file at the top level, with its number of files.
-fn entry(top: &Path, count: usize) -> String {
+fn entry(root: &Path, top: &Path, count: usize) -> String {
     let name = top.to_string_lossy();
     let factor = name.rsplit_once('_').map(|(_, factor)| factor).filter(|factor| ["2", "4", "8"].contains(factor));
     match factor {
         Some(factor) => format!("{top:?} ({count} files, copies for pictures {factor} times smaller)"),
+        None if top.extension().is_some_and(|ending| ending == "csv") && LightTable::read(&root.join(top)).is_ok() => {
+            format!("{top:?} (does it name the light of each picture? add --lights-by {})", root.join(top).display())
+        }
         None if top.extension().is_none() || count > 1 => format!("{top:?} ({count} files)"),
         None => format!("{top:?}"),
     }

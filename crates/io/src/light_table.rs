@@ -27,6 +27,9 @@ use std::{
 /// Name of the light of groups that name none.
 pub const SHARED: &str = "shared";
 
+/// First words of a first line that names the columns.
+const HEADINGS: [&str; 5] = ["picture", "image", "file", "filename", "name"];
+
 /// Light of a picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TableLight {
@@ -67,6 +70,7 @@ impl LightTable {
             let words: Vec<&str> = words.split([' ', '\t', ',']).filter(|word| !word.is_empty()).collect();
             let (picture, group, turn, name) = match words[..] {
                 [] => continue,
+                [heading, ..] if line == 0 && HEADINGS.contains(&heading.to_lowercase().as_str()) => continue,
                 [picture, light] => (picture, light, None, light),
                 [picture, group, turn] => (picture, group, Some(turn), SHARED),
                 [picture, group, turn, light] => (picture, group, Some(turn), light),
@@ -146,8 +150,8 @@ mod tests {
 
     #[test]
     fn tables_name_the_turn_of_each_picture() {
-        let table =
-            read("# all\na.png one 0\n./b  one 0 # same\n\nrow/c.JPG,two,-90.5\nd,two,-90.5\n").expect("it is one");
+        let table = read("Picture,light\na.png one 0\n./b  one 0 # same\n\nrow/c.JPG,two,-90.5\nd,two,-90.5\n")
+            .expect("it is one");
         let turn = |path: &str| table.light_of(Path::new(path)).map(|(name, light)| (name, light.degrees.unwrap()));
         assert_eq!(turn("data/images/a.png"), Some(("a", 0.0)));
         assert_eq!(turn("b.jpg"), Some(("b", 0.0)));

@@ -24,6 +24,8 @@ pub struct LoadOptions {
     pub origin: Option<[f64; 3]>,
     /// Meaning of the pixels that masks hide.
     pub masks: MaskUse,
+    /// Table of lights that the caller reads, which is not reported as unused.
+    pub light_table: Option<PathBuf>,
 }
 
 /// Meaning of the pixels that masks hide.
@@ -65,6 +67,7 @@ impl Default for LoadOptions {
             test_every: TEST_EVERY,
             origin: None,
             masks: MaskUse::default(),
+            light_table: None,
         }
     }
 }

@@ -45,6 +45,7 @@ impl core::fmt::Display for Column {
 
 /// Input that the rasteriser refuses.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum InputError {
     /// A column has another number of rows than the means.
     #[error("{column} has {found} rows, and means has {expected}; give one row for each Gaussian")]
@@ -147,6 +148,7 @@ pub enum InputError {
 
 /// Error of the rasteriser on an executor with errors `E`.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum RasterizeError<E: core::error::Error + 'static> {
     /// An input was refused.
     #[error(transparent)]

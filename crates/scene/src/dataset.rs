@@ -143,6 +143,7 @@ pub fn options_of(info: &ModelInfo) -> LoadOptions {
         test_every: every.unwrap_or(TEST_EVERY),
         origin: Some(info.origin),
         masks: masks.and_then(MaskUse::named).unwrap_or_default(),
+        light_table: None,
     }
 }
 

@@ -10,6 +10,7 @@ use std::path::PathBuf;
 
 /// Error of opening, rendering or exporting a scene.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum SceneError {
     /// A file cannot be read or written.
     #[error(transparent)]

@@ -88,7 +88,7 @@ serialize_as_text!(Foreground);
 pub fn description(ball: &Ball) -> String {
     let [x, y, z] = ball.center;
     format!(
-        "Gaussians within {:.3} of ({x:.3}, {y:.3}, {z:.3}) reflect the light; the background does not",
+        "reflections are fitted in the foreground, within {:.3} of ({x:.3}, {y:.3}, {z:.3}), not in the background",
         ball.radius
     )
 }

@@ -44,8 +44,8 @@ pub struct OpenedModel {
     pub info: Option<ModelInfo>,
     /// Origin of Gaussians and cameras in the world of the data set ([`specula_io::origin`]).
     pub origin: [f64; 3],
-    /// True if a `brdf_mlp.hdr` replaced the saved light, the way to relight with the authors'
-    /// code.
+    /// True if another light replaced that of the training: a `brdf_mlp.hdr`, the way to relight
+    /// with the authors' code, or one that the program set.
     pub is_relit: bool,
     /// Number of the selected light of the training, from 1; `None` for all, each in its pictures.
     pub own_light: Option<usize>,

@@ -96,16 +96,17 @@ impl StartView {
     }
 }
 
-/// Camera rolled about its view so that `up` points up in its picture; unchanged for a view along
-/// up.
+/// Camera rolled about its view so that `up` points up in its picture, which is as tall as it was
+/// held; unchanged for a view along up.
 fn levelled(camera: &Camera, up: Vec3) -> Camera {
     let forward = camera.camera_from_world.row(2);
     if forward.cross(up).length() < 1e-3 {
         return *camera;
     }
+    let camera = camera.upright(up);
     let [width, height] = [camera.width, camera.height];
     let level = Camera::look_at(camera.position, camera.position + forward, up, FIELD_OF_VIEW_RAD, width, height);
-    Camera { camera_from_world: level.camera_from_world, ..*camera }
+    Camera { camera_from_world: level.camera_from_world, ..camera }
 }
 
 /// Circle around a scene.
@@ -173,11 +174,11 @@ impl Orbit {
     }
 
     /// Azimuth at a time of a turntable, from 0 to 1, in radians: uniform around the circle, or
-    /// sinusoidal between the ends of the arc.
+    /// sinusoidal between the ends of the arc, from its middle.
     fn azimuth_at(&self, time: f32) -> f32 {
         match self.arc {
             None => TAU * time,
-            Some(Arc { start, len }) => start + len * 0.5 * (1.0 - (TAU * time).cos()),
+            Some(Arc { start, len }) => start + len * 0.5 * (1.0 + (TAU * time).sin()),
         }
     }
 
@@ -254,6 +255,8 @@ mod tests {
             assert_eq!((around.first, around.up), (first, Vec3::Z), "{rolled} pictures on their side");
             let [right, down, forward] = [0, 1, 2].map(|k| around.start.camera_from_world.row(k));
             assert!(right.z.abs() < 1e-6 && down.z < 0.0, "the horizon is level, and the sky above");
+            let size = if rolled > 0 { [60, 90] } else { [90, 60] };
+            assert_eq!([around.start.width, around.start.height], size, "pictures on their side are tall");
             assert!(
                 forward.distance(known[0].1.camera_from_world.row(2)) < 1e-6,
                 "the view direction is that of the first camera"
@@ -293,8 +296,11 @@ mod tests {
         assert!((widest(angles(&all_around)) - TAU / 12.0).abs() < 1e-4, "evenly around");
         let turns = angles(&side);
         assert!(turns.iter().all(|turn| (start - 1e-3..start + len + 1e-3).contains(turn)), "{turns:?}");
-        assert!((turns[0] - start).abs() < 1e-3 && (turns[6] - start - len).abs() < 1e-3, "from end to end: {turns:?}");
-        assert!((turns[1] - turns[11]).abs() < 1e-4, "and back the same way");
+        let [middle, last] = [start + 0.5 * len, start + len];
+        for (k, expected) in [(0, middle), (3, last), (6, middle), (9, start)] {
+            assert!((turns[k] - expected).abs() < 1e-3, "from the middle to both ends: {turns:?}");
+        }
+        assert!((turns[1] - turns[5]).abs() < 1e-4, "and back the same way");
     }
 
     #[test]

@@ -4,6 +4,7 @@ use crate::{exchange::ExchangeError, pictures::PictureError};
 
 /// Error of a training.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum TrainError<E> {
     /// There are no views.
     #[error("a training needs at least one picture")]

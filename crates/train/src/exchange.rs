@@ -14,6 +14,7 @@ pub const RANK_TIMEOUT: Duration = Duration::from_secs(600);
 
 /// Failure of an exchange. The training of this rank ends with it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ExchangeError {
     /// A rank ended before the training.
     #[error("rank {rank} has ended")]

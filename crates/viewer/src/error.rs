@@ -8,6 +8,7 @@ use std::io;
 
 /// Error of starting a viewer, or of adding a light to it.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ViewerError {
     /// The address cannot be bound.
     #[cfg(feature = "server")]

@@ -11,6 +11,7 @@ use specula_core::{
 
 /// Errors of devices, and of invalid inputs of stages.
 #[derive(Clone, Debug, thiserror::Error, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum GpuError {
     /// There is no adapter, or none of that name.
     #[error(

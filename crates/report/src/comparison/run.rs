@@ -119,7 +119,7 @@ impl Run {
         let known_views = if held_nothing_out { 0 } else { view_count.unwrap_or(0) };
         Ok(Self {
             folder: folder.to_owned(),
-            scene: last_component(Path::new(&source)).unwrap_or_else(|| "scene".into()),
+            scene: scene_of(Path::new(&source)).unwrap_or_else(|| "scene".into()),
             source,
             conditions: [Some(iteration.into()), downscale, facts.train_views.0],
             profile: info
@@ -231,6 +231,13 @@ fn source_in_cfg_args(folder: &Path) -> Result<Option<String>> {
 fn last_component(path: &Path) -> Option<String> {
     let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     Some(path.file_name()?.to_string_lossy().into_owned())
+}
+
+/// Name of a data set: that of its folder, or of the one around a folder `data`.
+fn scene_of(path: &Path) -> Option<String> {
+    let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let names = path.ancestors().filter_map(Path::file_name);
+    names.map(|name| name.to_string_lossy().into_owned()).find(|name| name != "data")
 }
 
 /// Number of Gaussians of a PLY file, from its header.
