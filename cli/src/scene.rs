@@ -20,6 +20,7 @@ use specula_scene::{
     backdrop::{Backdrop, BackgroundChoice, BackgroundColor},
     camera_set::CameraSet,
     capture::Capture,
+    crop::Crop,
     light_file::{self, LightOptions},
     number::group_digits,
     picture_folder::light_differences,
@@ -58,11 +59,12 @@ pub(crate) fn open_as(path: &Path, options: &SceneOptions) -> Result<OpenedModel
         if kept == 0 {
             return Err(Failure::Input(format!("{path:?} has no Gaussian in {place}; use another centre or radius")));
         }
-        tracing::info!(
-            "the crop keeps {} of {} Gaussians; the same region: {place}",
-            group_digits(kept),
-            group_digits(all)
-        );
+        if options.crop == Some(Crop::Object) && opened.crop != options.crop {
+            tracing::warn!(
+                "no plane that the object stands on was found in its surface, so nothing below it was removed"
+            );
+        }
+        tracing::info!("the crop keeps {} of {} Gaussians; its ball: {place}", group_digits(kept), group_digits(all));
     }
     Ok(opened)
 }

@@ -9,7 +9,7 @@ use specula_core::{
     lamps::RAYS_MAX,
 };
 use specula_io::{budget::view_size, dataset::MaskUse};
-use specula_scene::{ExecutorChoice, device::InvalidExecutor, following_light::LightFollows, foreground::Foreground};
+use specula_scene::{ExecutorChoice, device::InvalidExecutor, following_light::LightFollows};
 use std::net::ToSocketAddrs;
 
 pub(super) fn finite(text: &str) -> Result<f32, String> {
@@ -120,14 +120,6 @@ pub(super) fn order(text: &str) -> Result<BlendOrder, String> {
             .and_then(window)
             .ok_or_else(|| format!("use mean, pixel, window, or window:N with an N from 1 to {WINDOW_MAX}")),
     }
-}
-
-/// Region that a scene is cropped to.
-pub(super) fn crop(text: &str) -> Result<Foreground, String> {
-    text.parse()
-        .ok()
-        .filter(|region| *region != Foreground::All)
-        .ok_or_else(|| "use auto, a share of the cameras' distance such as 0.5, or a ball as X,Y,Z,RADIUS".to_owned())
 }
 
 pub(super) fn executor(text: &str) -> Result<ExecutorChoice, String> {

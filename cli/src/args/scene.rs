@@ -1,6 +1,6 @@
 //! Arguments that commands share: profile, orientation, executor, environment map.
 
-use super::parse::{crop, executor, finite, order, positive, projection};
+use super::parse::{executor, finite, order, positive, projection};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use specula_core::{
@@ -11,7 +11,7 @@ use specula_core::{
 use specula_io::latlong::UpAxis;
 use specula_scene::{
     ExecutorChoice, RenderOptions, Shading,
-    foreground::Foreground,
+    crop::Crop,
     light_file::{LightOptions, MapUp},
     orientation::UpDirection,
 };
@@ -29,9 +29,10 @@ pub(crate) struct SceneOptions {
     #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
     pub(crate) scene_up: Option<UpDirection>,
     /// Only what is in a ball, without the room around it: auto, within half the distance of the
-    /// cameras; another fraction of that distance; or the ball X,Y,Z,RADIUS.
-    #[arg(long, value_name = "auto|SHARE|X,Y,Z,R", allow_hyphen_values = true, value_parser = crop)]
-    pub(crate) crop: Option<Foreground>,
+    /// cameras; object, without the table below it as well; another fraction of that distance; or
+    /// the ball X,Y,Z,RADIUS.
+    #[arg(long, value_name = "auto|object|SHARE|X,Y,Z,R", allow_hyphen_values = true)]
+    pub(crate) crop: Option<Crop>,
     #[command(flatten)]
     pub(crate) renderer: RendererOptions,
 }

@@ -22,6 +22,7 @@ use specula_io::{Error, glb::textured, latlong, mesh, orientation::Orientation, 
 use specula_scene::{
     OpenedModel, RenderOptions, Scene, SceneError, Shading,
     backdrop::BackgroundColor,
+    crop::Crop,
     environment::radiance,
     export::{
         BakeMethod, ExportFormat, GaussianFormat, PlainGaussians, ReferencePictures, is_of_model, read_relightable,
@@ -132,10 +133,9 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         relight(&mut opened.scene, env, (&args.env_options).into(), up)?;
         opened.is_relit = true;
     }
-    if has_mesh && opened.crop.is_some() {
+    if has_mesh && opened.crop.is_some_and(|crop| crop != Crop::Object) {
         tracing::info!(
-            "--crop keeps what the object stands on, which becomes part of the mesh; masks (docs/photographs.md) or a smaller \
-             --crop leave only the object"
+            "--crop keeps what the object stands on, which becomes part of the mesh; --crop object removes it"
         );
     }
     for path in &args.output {

@@ -66,7 +66,11 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     commands.run(&["eval", &text(&model)])?;
     let size = size_of(&loaded);
     // Surroundings that no mask cuts out would reflect the object as a mirror.
-    let crop: &[&str] = if capture::material_options(&loaded).is_empty() { &[] } else { &["--crop", "auto"] };
+    let crop: &[&str] = match (capture::material_options(&loaded).is_empty(), args.ground) {
+        (true, _) => &[],
+        (_, true) => &["--crop", "object"],
+        _ => &["--crop", "auto"],
+    };
     let mut lights: Vec<String> = args.sun.iter().flat_map(|sun| ["--sun".to_owned(), sun.to_string()]).collect();
     lights.extend(args.ground.then(|| "--ground".to_owned()));
     let common: Vec<&str> = crop.iter().copied().chain(lights.iter().map(String::as_str)).collect();

@@ -216,7 +216,7 @@ mod tests {
 
     #[test]
     fn omissions_that_change_a_picture_are_reported_as_a_bug() {
-        let camera = Camera::look_at(glam::Vec3::X * 5.0, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 16, 16);
+        let camera = Camera::look_at(Vec3::X * 5.0, Vec3::ZERO, Vec3::Z, 0.7, 16, 16);
         let options = RenderOptions::full_precision(ExecutorChoice::Cpu);
         let mut renderer = SceneRenderer::new(scene(), Channels::Color, &options).expect("the CPU renders");
         let mut image = renderer.render(&camera).expect("the CPU renders");

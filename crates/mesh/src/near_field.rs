@@ -17,7 +17,6 @@ use specula_core::{
         INDEX_MAX, NODE_LEN, NearField, NearSurface, TRIANGLE_LEN, VERTEX_ALBEDO, VERTEX_BASE, VERTEX_LEN,
         share_of_near, vertex_surface,
     },
-    region::Ball,
     rules::{Channels, channel},
     scene::Image,
     shade::reflect,
@@ -133,15 +132,15 @@ pub fn rearranged(surface: &NearField<Vec<f32>>) -> Option<NearField<Vec<f32>>> 
     arranged(&corners(surface)?, vertices(surface), surface.offset)
 }
 
-/// Part of a surface within a ball: its triangles whose corners are all in it. `None` without such
-/// triangles.
-pub fn within(surface: &NearField<Vec<f32>>, ball: &Ball) -> Option<NearField<Vec<f32>>> {
+/// Part of a surface within a region: its triangles whose corners are all in it. `None` without
+/// such triangles.
+pub fn within(surface: &NearField<Vec<f32>>, contains: impl Fn([f32; 3]) -> bool) -> Option<NearField<Vec<f32>>> {
     let mut kept = Vec::new();
     let indices: Vec<Option<u32>> = vertices(surface)
         .iter()
         .map(|vertex| {
             let [x, y, z, ..] = *vertex;
-            ball.contains([x, y, z]).then(|| {
+            contains([x, y, z]).then(|| {
                 kept.push(*vertex);
                 kept.len() as u32 - 1
             })

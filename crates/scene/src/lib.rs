@@ -40,6 +40,7 @@ pub mod backdrop;
 pub mod bake;
 pub mod camera_set;
 pub mod capture;
+pub mod crop;
 pub mod dataset;
 pub mod device;
 pub mod environment;

@@ -3,11 +3,12 @@
 use crate::{
     Scene, SceneError, ShadingModel, Surface,
     camera_set::keep_light_still,
+    crop::{Crop, Support},
     export::UPRIGHT_COMMENT,
     foreground::Foreground,
     import::{Imported, scene_of_glb},
     orbit::{self, near_plane, turntable},
-    orientation::{of_gaussians, recorded_or_estimated, with_up},
+    orientation::{of_gaussians, recorded_or_estimated, up, with_up},
 };
 use glam::Mat3;
 use serde_json::Value;
@@ -54,7 +55,7 @@ pub struct OpenedModel {
     /// Notes on parts of the files that are ignored or changed, one sentence each.
     pub notes: Vec<String>,
     /// Region that the scene was cropped to.
-    pub crop: Option<Foreground>,
+    pub crop: Option<Crop>,
     /// Orientation named by the file.
     up_of_file: Option<Orientation>,
 }
@@ -287,19 +288,27 @@ impl OpenedModel {
         Ok(up.map_or(found, |up| with_up(found, up, cameras())))
     }
 
-    /// Removes the parts of the scene outside of a region ([`Scene::cropped`]). Returns the region
-    /// as a ball in the world of the scene; `None` for [`Foreground::All`], which removes nothing.
+    /// Removes the other parts of the scene ([`Scene::cropped`]). Returns the region as a ball in
+    /// the world of the scene; `None` for [`Foreground::All`], which removes nothing. A scene
+    /// without a surface, or without a plane in it, keeps the region of [`Crop::Object`], and
+    /// `self.crop` says so.
     ///
     /// # Errors
     ///
     /// A `cameras.json` that cannot be read.
-    pub fn crop(&mut self, region: Foreground) -> Result<Option<Ball>> {
-        let ball = region.ball(Some(&self.orientation(None)?), self.origin);
-        if let Some(ball) = &ball {
-            self.scene = self.scene.cropped(ball);
-            self.crop = Some(region);
-        }
-        Ok(ball)
+    pub fn crop(&mut self, crop: Crop) -> Result<Option<Ball>> {
+        let orientation = self.orientation(None)?;
+        let region = match crop {
+            Crop::Region(region) => region,
+            Crop::Object => Foreground::Auto,
+        };
+        let Some(ball) = region.ball(Some(&orientation), self.origin) else { return Ok(None) };
+        let surface = self.scene.near_field.as_deref().filter(|_| crop == Crop::Object);
+        let support = surface.and_then(|surface| Support::of(surface, &ball, up(&orientation)));
+        let is_above = |point| support.is_none_or(|support| support.is_below(point));
+        self.scene = self.scene.cropped(|point| ball.contains(point) && is_above(point));
+        self.crop = Some(if support.is_some() { crop } else { Crop::Region(region) });
+        Ok(Some(ball))
     }
 
     /// Number of held-out views, which come first among the cameras; `None` if it is not recorded.

@@ -13,7 +13,6 @@ use specula_core::{
     pack::Storage,
     plan::{Needs, Plan},
     prefilter::Levels,
-    region::Ball,
     rules::{Channels, RenderRules},
     scene::{ALBEDO, Environment, Gaussians, MEAN, RadianceActivation},
 };
@@ -118,14 +117,14 @@ impl Scene {
         Self { gaussians: subset(&self.gaussians, kept, self.gaussians.layout), ..self.clone() }
     }
 
-    /// The part of the scene in a ball: Gaussians with their means in it, and triangles of the
+    /// The part of the scene in a region: Gaussians with their means in it, and triangles of the
     /// surface with their corners in it. Light that the rest occluded reaches physical materials.
-    pub fn cropped(&self, ball: &Ball) -> Self {
-        let is_inside = |index: &usize| ball.contains(self.gaussians.get::<3>(*index, MEAN));
+    pub fn cropped(&self, contains: impl Fn([f32; 3]) -> bool) -> Self {
+        let is_inside = |index: &usize| contains(self.gaussians.get::<3>(*index, MEAN));
         let kept: Vec<usize> = (0..self.gaussians.count).filter(is_inside).collect();
         let mut cropped = self.kept(&kept);
         if let Some(surface) = &self.near_field {
-            cropped.near_field = near_field::within(surface, ball).map(Surface::shared);
+            cropped.near_field = near_field::within(surface, contains).map(Surface::shared);
             let sky = self.light.as_ref().filter(|_| self.gaussians.layout.is_physical).map(Sky::new);
             let surface = cropped.near_field.as_deref().zip(sky);
             let ambient = surface.map(|(surface, sky)| (surface, Ambient::new(surface, &sky)));
@@ -279,6 +278,7 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use specula_core::region::Ball;
     use specula_core::{
         cubemap::FACE_COUNT,
         near_field::VERTEX_LEN,
@@ -320,17 +320,18 @@ mod tests {
             shading_model: ShadingModel::DEFERRED,
         };
 
-        let floor = scene.cropped(&Ball { center: [0.0; 3], radius: 0.8 });
+        let around = |radius: f32| move |point: [f32; 3]| Ball { center: [0.0; 3], radius }.contains(point);
+        let floor = scene.cropped(around(0.8));
         assert_eq!((floor.gaussians.count, floor.gaussians.get::<3>(0, ambient)), (1, [1.0; 3]));
         let surface = floor.near_field().expect("the floor is left");
         assert_eq!((surface.triangle_count, surface.vertex_count, surface.check()), (2, 4, Ok(())));
         assert!(surface.first_hit(vec3(0.1, 0.2, 0.5), vec3(0.0, 0.0, -1.0)).is_some());
 
-        let both = scene.cropped(&Ball { center: [0.0; 3], radius: 8.0 });
+        let both = scene.cropped(around(8.0));
         assert_eq!(both.near_field().map(|surface| surface.triangle_count), Some(4));
         assert!((0.7..0.95).contains(&both.gaussians.get::<1>(0, ambient)[0]), "the roof still shades the floor");
 
-        let middle = scene.cropped(&Ball { center: [0.0; 3], radius: 0.1 });
+        let middle = scene.cropped(around(0.1));
         assert!(middle.near_field.is_none() && middle.gaussians.get::<3>(0, ambient) == [1.0; 3]);
     }
 
