@@ -1,7 +1,8 @@
-//! Parts of a scene to keep: a region, or what stands on a plane in it, such as a table.
+//! Parts of a scene to keep: a region, or the objects on a plane in it, such as a table.
 //!
-//! The plane is found among the vertices of the scene's surface with upward normals: the height that
-//! most of them share, then the plane with the least squared distances from the vertices near it.
+//! The plane is found among the vertices of the scene's surface with upward normals: the height
+//! that most of them share, then the plane with the least squared distances from the vertices near
+//! it.
 
 use crate::foreground::Foreground;
 use core::{fmt, str::FromStr};
@@ -13,7 +14,7 @@ use specula_core::{near_field::NearField, region::Ball};
 pub enum Crop {
     /// A region.
     Region(Foreground),
-    /// What stands on a plane in the region of [`Foreground::Auto`].
+    /// Objects on a plane in the region of [`Foreground::Auto`].
     Object,
 }
 
@@ -57,6 +58,8 @@ const SHARE_MIN: f32 = 0.25;
 const FITS: usize = 3;
 /// Distances from the plane, as multiples of their standard deviation, that its margin covers.
 const DEVIATIONS: f64 = 2.0;
+/// The same for the distances of the points that are fitted.
+const FITTED_DEVIATIONS: f64 = 3.0;
 /// Least and greatest margin above the plane, as shares of the radius.
 const MARGIN: [f64; 2] = [0.01, 0.03];
 
@@ -98,7 +101,7 @@ impl Support {
         let (mut tolerance, mut deviation) = (THICKNESS as f64 * slice_height, 0.0);
         for _ in 0..FITS {
             (plane, deviation) = fitted(&places, plane, tolerance)?;
-            tolerance = (1.5 * DEVIATIONS * deviation).max(0.5 * slice_height);
+            tolerance = (FITTED_DEVIATIONS * deviation).max(0.5 * slice_height);
         }
         let margin = (DEVIATIONS * deviation).clamp(MARGIN[0], MARGIN[1]);
         let slope = up - axes[0] * plane.x as f32 - axes[1] * plane.y as f32;
