@@ -148,7 +148,6 @@ pub enum InputError {
 
 /// Error of the rasteriser on an executor with errors `E`.
 #[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
 pub enum RasterizeError<E: core::error::Error + 'static> {
     /// An input was refused.
     #[error(transparent)]
