@@ -78,6 +78,8 @@ fn a_scene_without_its_surroundings_is_written_and_shone_on() {
     assert!(said.contains("shadows 100 % of the subject") && said.contains("--crop auto"), "{said}");
     let (sunny, said) = relit("sunny", &["--crop", "auto"]);
     assert!(said.contains("2 500 of 2 900 Gaussians") && !said.contains("shadows"), "{said}");
+    let (_, said) = relit("object", &["--crop", "object"]);
+    assert!(said.contains("no plane") && said.contains("2 500 of 2 900 Gaussians"), "it stands on nothing: {said}");
     assert!(sunny > 10 * dark, "{sunny} and {dark}");
 
     let mut render = specula();
@@ -100,7 +102,7 @@ fn regions_that_cannot_be_are_refused_with_a_remedy() {
         assert!(said.lines().count() == 1 && said.contains(part), "{said}");
     };
     for wrong in ["all", "some", "0", "-1", "1,2,3", "0,0,0,0", "NaN"] {
-        refused("render", &["--crop", wrong], "use auto, a share");
+        refused("render", &["--crop", wrong], "use auto, object, a share");
     }
     let nowhere = ["--crop", "100,0,0,1"];
     let found = "no Gaussian in --crop 100.0000,0.0000,0.0000,1.0000";
