@@ -181,8 +181,7 @@ mod tests {
         let normal = (up - lean * east).normalize();
         let mut vertices: Vec<(Vec3, Vec3)> = (0..table)
             .map(|k| {
-                let [x, y, rough] =
-                    [0, 1, 2].map(|axis| random::bits(axis, 0, k as u64) as f32 / u32::MAX as f32 * 2.0 - 1.0);
+                let [x, y, rough] = [0, 1, 2].map(|axis| 2.0 * random::uniform(axis, 0, k as u64) - 1.0);
                 (2.0 * x * east + 2.0 * y * north + (2.0 * lean * x - 1.0 + 0.01 * rough) * up, normal)
             })
             .collect();
