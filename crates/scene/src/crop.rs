@@ -53,7 +53,7 @@ const THICKNESS: usize = 3;
 const HEIGHT_MAX: f32 = 0.25;
 /// Least number of vertices of the plane, and their least share of those with upward normals.
 const COUNT_MIN: usize = 64;
-const SHARE_MIN: f32 = 0.25;
+const SHARE_MIN: f32 = 0.15;
 /// Repetitions of the fit, each without the vertices that are far from the plane.
 const FITS: usize = 3;
 /// Distances from the plane, as multiples of their standard deviation, that its margin covers.
