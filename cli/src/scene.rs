@@ -69,6 +69,13 @@ pub(crate) fn open_as(path: &Path, options: &SceneOptions) -> Result<OpenedModel
     Ok(opened)
 }
 
+/// Notes that a region keeps what the object stands on, and what becomes of that.
+pub(crate) fn note_support(options: &SceneOptions, becomes: &str) {
+    if options.crop.is_some_and(|crop| crop != Crop::Object) {
+        tracing::info!("--crop keeps what the object stands on, which {becomes}; --crop object removes it");
+    }
+}
+
 /// Opens a glTF file, which names its shading.
 fn open_glb(path: &Path, profile: Option<ProfileName>, low_pass: Option<LowPass>) -> Result<OpenedModel, Failure> {
     if profile.is_some() {

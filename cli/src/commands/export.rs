@@ -22,7 +22,6 @@ use specula_io::{Error, glb::textured, latlong, mesh, orientation::Orientation, 
 use specula_scene::{
     OpenedModel, RenderOptions, Scene, SceneError, Shading,
     backdrop::BackgroundColor,
-    crop::Crop,
     environment::radiance,
     export::{
         BakeMethod, ExportFormat, GaussianFormat, PlainGaussians, ReferencePictures, is_of_model, read_relightable,
@@ -133,10 +132,8 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         relight(&mut opened.scene, env, (&args.env_options).into(), up)?;
         opened.is_relit = true;
     }
-    if has_mesh && opened.crop.is_some_and(|crop| crop != Crop::Object) {
-        tracing::info!(
-            "--crop keeps what the object stands on, which becomes part of the mesh; --crop object removes it"
-        );
+    if has_mesh {
+        scene::note_support(&args.scene_options, "becomes part of the mesh");
     }
     for path in &args.output {
         output::make_folder(output::folder_of(path))?;

@@ -4,12 +4,11 @@
 use crate::{
     args::Make, commands::capture, dataset, failure::Failure, interrupt, output, progress, run_words, scene::read_env,
 };
-use glam::{DVec3, Vec3};
 use serde_json::Value;
 use specula_capture::{Outcome, command_text};
 use specula_io::{checkpoint, dataset::LoadOptions, model_folder, picture};
 use specula_report::made::{Figure, Format, Made};
-use specula_scene::{dataset::Dataset, text::shown};
+use specula_scene::{dataset::Dataset, orientation, text::shown};
 use specula_train::view::View;
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -124,18 +123,13 @@ fn names(maps: &[PathBuf]) -> Vec<String> {
     names
 }
 
-/// Up direction of a data set.
-fn up_of(data: &Dataset) -> Option<Vec3> {
-    data.orientation.as_ref().map(|found| DVec3::from(found.up).as_vec3())
-}
-
 /// The first picture of a data set, upright.
 fn photograph(data: &Dataset) -> Option<Figure> {
     let view = data.test.first().or(data.train.first())?;
     let colors: Vec<u8> =
         view.rgba.as_chunks::<4>().0.iter().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect();
     let picture = picture::RgbImage::from_raw(view.camera.width, view.camera.height, colors)?;
-    let turns = up_of(data).map_or(0, |up| view.camera.turns_upright(up));
+    let turns = data.orientation.as_ref().map_or(0, |found| view.camera.turns_upright(orientation::up(found)));
     let bytes = picture::to_jpeg(&picture::turned_clockwise(picture::within(&picture, EDGE), turns), QUALITY);
     Some(Figure { caption: "a photograph".into(), bytes, format: Format::Jpeg })
 }
@@ -239,7 +233,8 @@ fn training_options(args: &Make, data: &Dataset) -> Vec<String> {
 /// Size of the turntable's pictures: the shape of an upright picture of the data set, with even
 /// edges.
 fn size_of(data: &Dataset) -> String {
-    let upright = |view: &View| up_of(data).map_or(view.camera, |up| view.camera.upright(up));
+    let found = data.orientation.as_ref();
+    let upright = |view: &View| found.map_or(view.camera, |found| view.camera.upright(orientation::up(found)));
     let [width, height] = data.train.first().map(upright).map_or([4, 3], |camera| [camera.width, camera.height]);
     let longer = width.max(height).max(1);
     let edge = |edge: u32| (u64::from(edge) * u64::from(EDGE.min(longer)) / u64::from(longer)).max(2) as u32 & !1;

@@ -19,7 +19,6 @@ use specula_scene::{
     Layer, Lighting, OpenedModel, RenderOptions, SceneRenderer,
     backdrop::{Backdrop, BackgroundChoice, BackgroundColor},
     camera_set::CameraSet,
-    crop::Crop,
     light_file::write_light_preview,
     orientation,
     picture_folder::{PictureFolder, differences},
@@ -110,10 +109,8 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
 
 /// Options of the pictures. Ground is white where it would be as black as the shadows on it.
 fn over_ground(args: &Relight, has_ground: bool, opened: &OpenedModel) -> ViewOptions {
-    if has_ground && opened.crop.is_some_and(|crop| crop != Crop::Object) {
-        tracing::info!(
-            "--crop keeps what the object stands on, which covers the ground in part; --crop object removes it"
-        );
+    if has_ground {
+        scene::note_support(&args.views.scene_options, "covers the ground in part");
     }
     if !has_ground || args.views.background.is_some() || opened.background() != [0.0; 3] {
         return args.views.clone();

@@ -180,14 +180,14 @@ fn a_finished_training_continues_for_longer() {
 fn ranks_that_are_threads_write_the_same_model() {
     let tiny = Tiny::new();
     let batch = ["--views-per-step", "3"];
-    started(&tiny, "alone", SHARED, &batch).assert().success();
+    started(&tiny, "one rank", SHARED, &batch).assert().success();
     let stderr =
         started(&tiny, "shared", SHARED, &batch).args(["--ranks", "3"]).assert().success().get_output().stderr.clone();
-    assert!(model_of(&tiny.path("shared"), SHARED) == model_of(&tiny.path("alone"), SHARED));
+    assert!(model_of(&tiny.path("shared"), SHARED) == model_of(&tiny.path("one rank"), SHARED));
     // Memory of two pictures, then of none.
     for (model, memory, ranks) in [("few", "8e-6", "2"), ("none", "0", "1")] {
         started(&tiny, model, SHARED, &batch).args(["--picture-memory", memory, "--ranks", ranks]).assert().success();
-        assert!(model_of(&tiny.path(model), SHARED) == model_of(&tiny.path("alone"), SHARED), "{memory} GiB");
+        assert!(model_of(&tiny.path(model), SHARED) == model_of(&tiny.path("one rank"), SHARED), "{memory} GiB");
     }
     let stderr = String::from_utf8(stderr).unwrap();
     for rank in 0..3 {
@@ -195,7 +195,7 @@ fn ranks_that_are_threads_write_the_same_model() {
     }
     started(&tiny, "single", SHARED, &[]).assert().success();
     let single = model_of(&tiny.path("single"), SHARED);
-    assert!(single != model_of(&tiny.path("alone"), SHARED), "the comparison can fail");
+    assert!(single != model_of(&tiny.path("one rank"), SHARED), "the comparison can fail");
 }
 
 #[test]
