@@ -149,7 +149,7 @@ fn train(name: &'static str, args: &Demo, data: &Dataset, points: &[Point]) -> R
 
     let options = RenderOptions::full_precision(ExecutorChoice::Cpu);
     let mut renderer = SceneRenderer::new(scene.clone(), Channels::Training, &options)?;
-    tracing::info!("{name}: measuring {} held-out views", data.test.len());
+    tracing::info!("measuring {} held-out views of {name}", data.test.len());
     let measured = measure_views(&mut renderer, &data.test, BackgroundColor::WHITE, false)?;
     model_folder::save_quality(&folder, &model_folder::method_of(args.iterations), &measure::quality(&measured))?;
     Ok(TrainedScene { name, measures: measure::means(&measured), seconds: outcome.seconds, scene })
