@@ -7,6 +7,7 @@ use specula_core::{
     camera::Camera,
     executor::Renderer,
     occlusion::DepthRange,
+    pack::Storage,
     pipeline,
     prefilter::PrefilterScheme,
     rules::{Channels, RenderRules},
@@ -67,35 +68,47 @@ impl Program {
         Ok(Self { device, queue, screen, depth, floor })
     }
 
-    /// Sky, floor, and Gaussians.
+    /// Frames of a sky, a floor and Gaussians until one is complete: the first has no capacity for
+    /// splats yet, since it does not wait for their number.
     fn draw(&self, gaussians: &Gaussians<Vec<f32>>, camera: &Camera) -> Result<(), Box<dyn Error>> {
-        let mut encoder = self.device.create_command_encoder(&Default::default());
+        let mut exec = GpuExecutor::viewer(Gpu::shared(self.device.clone(), self.queue.clone())?, Storage::F32);
+        exec.read_later();
+        let scene = exec.upload_gaussians(gaussians)?;
+        let reader = DepthReader::new(&exec);
+        let composer = Composer::new(&exec, &PassFormat::new(self.screen.format()).depth(self.depth.format()));
+        loop {
+            let mut encoder = self.device.create_command_encoder(&Default::default());
+            self.draw_floor(&mut encoder, camera);
+            let depth = self.depth.create_view(&Default::default());
+            let frame = exec.record(&mut encoder, |exec| {
+                let surfaces = reader.read(exec, &depth, [SIZE; 2], DepthRange::reversed(NEAR, f32::INFINITY))?;
+                pipeline::render_occluded(exec, &scene, None, camera, &rules(), &surfaces)
+            })?;
+            composer.draw(&mut exec, &frame, &mut self.pass(&mut encoder, LoadOp::Load, LoadOp::Load))?;
+            self.queue.submit([encoder.finish()]);
+
+            // A program that shows one frame after the other would look at this some frames later.
+            let status = exec.frame_status_later()?;
+            self.device.poll(wgpu::PollType::wait_indefinitely())?;
+            let status = pollster::block_on(status)?;
+            if status.is_complete {
+                return Ok(());
+            }
+            exec.grant(status.capacity);
+        }
+    }
+
+    fn draw_floor(&self, encoder: &mut CommandEncoder, camera: &Camera) {
         let corners = self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some("floor"),
             contents: &floor_corners(camera),
             usage: BufferUsages::VERTEX,
         });
         let [r, g, b] = SKY.map(f64::from);
-        let mut pass = self.pass(&mut encoder, LoadOp::Clear(Color { r, g, b, a: 1.0 }), LoadOp::Clear(0.0));
+        let mut pass = self.pass(encoder, LoadOp::Clear(Color { r, g, b, a: 1.0 }), LoadOp::Clear(0.0));
         pass.set_pipeline(&self.floor);
         pass.set_vertex_buffer(0, corners.slice(..));
         pass.draw(0..6, 0..1);
-        drop(pass);
-        self.queue.submit([encoder.finish()]);
-
-        let mut exec = GpuExecutor::new(Gpu::shared(self.device.clone(), self.queue.clone())?);
-        let range = DepthRange::reversed(NEAR, f32::INFINITY);
-        let depth = self.depth.create_view(&Default::default());
-        let surfaces = DepthReader::new(&exec).read(&mut exec, &depth, [SIZE; 2], range)?;
-        let scene = exec.upload_gaussians(gaussians)?;
-        let frame = pipeline::render_occluded(&mut exec, &scene, None, camera, &rules(), &surfaces)?;
-
-        let format = PassFormat::new(self.screen.format()).depth(self.depth.format());
-        let composer = Composer::new(&exec, &format);
-        let mut encoder = self.device.create_command_encoder(&Default::default());
-        composer.draw(&mut exec, &frame, &mut self.pass(&mut encoder, LoadOp::Load, LoadOp::Load))?;
-        self.queue.submit([encoder.finish()]);
-        Ok(())
     }
 
     /// Pass with the screen and its depth buffer.

@@ -416,7 +416,12 @@ impl<R: Real> CameraGrad<R> {
     pub fn zero(like: R) -> Self {
         Self { camera_from_world: Mat3 { rows: [Vec3::zero(like); 3] }, position: Vec3::zero(like) }
     }
-    /// All numbers: the rotation by rows, then the centre.
+    /// Gradient with these numbers: the rotation by rows, then the centre.
+    #[inline(always)]
+    pub fn from_rows([x, y, z, position]: [Vec3<R>; 4]) -> Self {
+        Self { camera_from_world: Mat3 { rows: [x, y, z] }, position }
+    }
+    /// All numbers, in the order of [`Self::from_rows`].
     #[inline(always)]
     pub fn rows(&self) -> [Vec3<R>; 4] {
         let [x, y, z] = self.camera_from_world.rows;
@@ -425,9 +430,7 @@ impl<R: Real> CameraGrad<R> {
     /// The same where the mask holds, zero elsewhere.
     #[inline(always)]
     pub fn keep(self, mask: R::Mask) -> Self {
-        let [x, y, z, position] = self.rows();
-        let rows = [each!(x, n => n.keep(mask)), each!(y, n => n.keep(mask)), each!(z, n => n.keep(mask))];
-        Self { camera_from_world: Mat3 { rows }, position: each!(position, n => n.keep(mask)) }
+        Self::from_rows(self.rows().map(|row| each!(row, n => n.keep(mask))))
     }
     /// Gradient of the view matrix \[R | t\] of the same camera, t = −R c: that of R, by rows, and
     /// that of t, as if all twelve numbers were independent.

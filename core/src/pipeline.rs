@@ -3,7 +3,7 @@
 use crate::{
     camera::{Camera, CameraGrad},
     double::Double,
-    executor::{Executor, OwnLoss, ReadBack, Renderer, StepPicture, StepReport, TrainingStep},
+    executor::{Executor, OwnLoss, ReadBack, Renderer, StepPicture, StepReport, TrainingStep, Unsupported},
     loss::LossWeights,
     rules::RenderRules,
     scene::{Environment, Gaussians, Layout},
@@ -436,8 +436,8 @@ pub fn render_vjp<E: Executor>(
 ///
 /// # Errors
 ///
-/// The error of the stage that failed; [`Unsupported`](crate::executor::Unsupported), where the
-/// executor has no gradient of the camera, or none under these rules.
+/// The error of the stage that failed; [`Unsupported`], where the executor has no gradient of the
+/// camera, and for pixels that look light up.
 pub fn render_and_camera_vjp<E: Executor>(
     exec: &mut E,
     tape: &Tape<E>,
@@ -446,6 +446,9 @@ pub fn render_and_camera_vjp<E: Executor>(
     cotangent: E::FrameGrad,
 ) -> Result<(Gradients<E>, CameraGrad<Double>), E::Error> {
     let Tape { splats, light, camera, rules, .. } = tape;
+    if light.is_some() && rules.is_deferred(gaussians.layout) {
+        return Err(Unsupported { what: "gradients of cameras whose pixels look light up" }.into());
+    }
     let SplatVjp { grads, light_grad } = splats_vjp(exec, tape, gaussians.layout, cotangent)?;
     let (grad, gaussian_light_grad, camera_grad) =
         exec.gaussians_and_camera_vjp(gaussians, camera, splats, light.as_ref(), rules, &grads)?;

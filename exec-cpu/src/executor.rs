@@ -31,7 +31,6 @@ use specula_core::{
     double::Double,
     executor::{
         BufferLength, DensifyReport, Executor, Feature, Occluder, RandomKey, Renderer, StepReport, TrainingStep,
-        Unsupported,
     },
     expose::Exposure,
     lamps::Lamp,
@@ -426,9 +425,6 @@ impl Executor for CpuExecutor {
         rules: &RenderRules,
         grads: &SplatGrads,
     ) -> Result<(Gaussians<Vec<f32>>, Option<LightGrad>, CameraGrad<Double>), CpuError> {
-        if light.is_some() && rules.is_deferred(gaussians.layout) {
-            return Err(Unsupported { what: "gradients of cameras whose pixels look light up" }.into());
-        }
         let scene = Scene { shading: GaussianShading { layout: gaussians.layout, rules: *rules }, light };
         let weights = &LossWeights::NONE;
         Ok(gaussians_vjp(&self.context, gaussians, camera, splats, scene, weights, grads, true))

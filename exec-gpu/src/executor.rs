@@ -42,9 +42,10 @@ use crate::{
 };
 use core::{fmt::Debug, iter, mem, ops::Range};
 use specula_core::{
-    camera::Camera,
+    camera::{Camera, CameraGrad},
     cutoffs::BlendOrder,
     densify::DensifyRules,
+    double::Double,
     executor::{BufferLength, DensifyReport, Executor, Feature, Occluder, RandomKey, Renderer, StepReport},
     expose::Exposure,
     lamps::Lamp,
@@ -59,6 +60,7 @@ use specula_core::{
     state::{AdamMoments, Statistics},
 };
 use std::sync::Arc;
+use wgpu::CommandEncoder;
 
 /// Storage format of an executor's Gaussians and filtered lights.
 pub trait Precision: Debug {
@@ -169,6 +171,43 @@ impl GpuExecutor<Storage> {
     /// [`GpuExecutor::frame_status_later`] tell.
     pub fn read_later(&mut self) {
         self.picture_capacity = Some(Capacity::default());
+    }
+
+    /// Records stages into the encoder of another program, which submits it: nothing is submitted,
+    /// nothing waits, kernels are not timed. Pictures need [`GpuExecutor::read_later`], and
+    /// [`GpuExecutor::frame_status_later`] tells whether they are complete. The program submits the
+    /// encoder before the executor's next call, which may reuse the memory of its arrays.
+    ///
+    /// ```no_run
+    /// # use specula_core::{camera::Camera, executor::Renderer, pipeline::render, rules::RenderRules, scene::Gaussians};
+    /// # use specula_gpu::{Composer, GpuError, GpuExecutor};
+    /// # fn draw(
+    /// #     exec: &mut GpuExecutor<specula_core::pack::Storage>,
+    /// #     gaussians: &Gaussians<<GpuExecutor as Renderer>::Array>,
+    /// #     camera: &Camera,
+    /// #     rules: &RenderRules,
+    /// #     composer: &Composer,
+    /// #     descriptor: &wgpu::RenderPassDescriptor<'_>,
+    /// #     encoder: &mut wgpu::CommandEncoder,
+    /// # ) -> Result<(), GpuError> {
+    /// let frame = exec.record(encoder, |exec| render(exec, gaussians, None, camera, rules))?;
+    /// composer.draw(exec, &frame, &mut encoder.begin_render_pass(descriptor))
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// Those of the stages; [`GpuError::NotSubmitted`] for those that read a result on the host, such
+    /// as a picture whose pairs are counted first.
+    pub fn record<T>(
+        &mut self,
+        encoder: &mut CommandEncoder,
+        stages: impl FnOnce(&mut Self) -> Result<T, GpuError>,
+    ) -> Result<T, GpuError> {
+        let timer = self.context.start_recording(encoder)?;
+        let result = stages(self);
+        self.context.end_recording(encoder, timer);
+        result
     }
 
     /// Planes of a frame in the order of [`Renderer::read_frame`], after the device is done; `None`
@@ -387,8 +426,8 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
     type Frame = Frame;
     type Error = GpuError;
 
-    fn has(&self, feature: Feature) -> bool {
-        feature != Feature::CameraGradients
+    fn has(&self, _: Feature) -> bool {
+        true
     }
 
     fn upload(&mut self, values: &[f32]) -> Result<ChunkedArray, GpuError> {
@@ -606,7 +645,23 @@ impl Executor for GpuExecutor {
         grads: &SplatGrads,
     ) -> Result<(Gaussians<ChunkedArray>, Option<LightGrad>), GpuError> {
         let inputs = BackwardInputs { light, rules, weights, grads };
-        gaussians_vjp(&mut self.context, gaussians, camera, &inputs)
+        let gradients = gaussians_vjp(&mut self.context, gaussians, camera, &inputs, false)?;
+        Ok((gradients.gaussians, gradients.light))
+    }
+
+    fn gaussians_and_camera_vjp(
+        &mut self,
+        gaussians: &Gaussians<ChunkedArray>,
+        camera: &Camera,
+        _splats: &Splats,
+        light: Option<&Light>,
+        rules: &RenderRules,
+        grads: &SplatGrads,
+    ) -> Result<(Gaussians<ChunkedArray>, Option<LightGrad>, CameraGrad<Double>), GpuError> {
+        let inputs = BackwardInputs { light, rules, weights: &LossWeights::NONE, grads };
+        let gradients = gaussians_vjp(&mut self.context, gaussians, camera, &inputs, true)?;
+        let camera = gradients.camera(&mut self.context)?;
+        Ok((gradients.gaussians, gradients.light, camera))
     }
 
     fn prefilter_vjp(

@@ -54,3 +54,4 @@ pub use stages::{
     project::Splats,
     shade::Colors,
 };
+pub use wgpu;

@@ -28,7 +28,7 @@ use specula_core::{
     scene::{BLOCK, Gaussians, Layout, OPACITY},
     splat::SplatGrad,
     state::AdamMoments,
-    vector::{Mat3, vec3},
+    vector::vec3,
 };
 
 /// Gradients of Gaussians, of the light that they look up, and of the camera, if it is wanted.
@@ -93,8 +93,7 @@ impl CameraSum {
         for Self(part) in parts {
             total.as_flattened_mut().iter_mut().zip(part.as_flattened()).for_each(|(sum, x)| *sum += x);
         }
-        let [x, y, z, position] = total.map(|[x, y, z]| vec3(Double(x), Double(y), Double(z)));
-        CameraGrad { camera_from_world: Mat3 { rows: [x, y, z] }, position }
+        CameraGrad::from_rows(total.map(|[x, y, z]| vec3(Double(x), Double(y), Double(z))))
     }
 }
 

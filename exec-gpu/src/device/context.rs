@@ -9,7 +9,8 @@ use crate::device::{
     timer::{KernelTime, KernelTimer},
 };
 use bytemuck::Pod;
-use core::ops::Range;
+use core::{mem, ops::Range};
+use wgpu::CommandEncoder;
 
 /// Device, memory pool and command recorder.
 #[derive(Debug)]
@@ -107,6 +108,7 @@ impl Context {
         if parts.iter().all(|(_, part)| part.is_empty()) {
             return Ok(());
         }
+        self.refuse_while_recording()?;
         let staging = staged(&self.gpu, self.recorder.encoder(&self.gpu), parts);
         self.submit()?;
         read(&self.gpu, &staging, consume)
@@ -122,6 +124,7 @@ impl Context {
         &mut self,
         parts: &[(&Array, Range<usize>)],
     ) -> Result<impl Future<Output = Result<Vec<u8>, GpuError>> + use<>, GpuError> {
+        self.refuse_while_recording()?;
         let staging = staged(&self.gpu, self.recorder.encoder(&self.gpu), parts);
         self.submit()?;
         Ok(read_later(&self.gpu, staging))
@@ -142,8 +145,34 @@ impl Context {
     ///
     /// See [`Self::submit`]; a lost device.
     pub(crate) fn finish(&mut self) -> Result<(), GpuError> {
+        self.refuse_while_recording()?;
         self.submit()?;
         self.gpu.wait()
+    }
+
+    /// Refuses to wait for commands that another program submits.
+    fn refuse_while_recording(&self) -> Result<(), GpuError> {
+        if self.recorder.is_borrowed() { Err(GpuError::NotSubmitted) } else { Ok(()) }
+    }
+
+    /// Records into the encoder of another program until [`Self::end_recording`]; returns the timer
+    /// of kernels, which are not timed in between.
+    ///
+    /// # Errors
+    ///
+    /// See [`Self::submit`]; [`GpuError::NotSubmitted`] within another recording.
+    pub(crate) fn start_recording(&mut self, encoder: &mut CommandEncoder) -> Result<Option<KernelTimer>, GpuError> {
+        self.refuse_while_recording()?;
+        self.submit()?;
+        let placeholder = self.gpu.device.create_command_encoder(&Default::default());
+        self.recorder.borrow(mem::replace(encoder, placeholder));
+        Ok(self.recorder.timer.take())
+    }
+
+    /// Gives the encoder of [`Self::start_recording`] back, and times kernels as before.
+    pub(crate) fn end_recording(&mut self, encoder: &mut CommandEncoder, timer: Option<KernelTimer>) {
+        *encoder = self.recorder.give_back(&self.gpu);
+        self.recorder.timer = timer;
     }
 
     /// Durations of kernels since the last call, by name; empty if kernels are not timed.

@@ -79,6 +79,12 @@ pub enum GpuError {
         /// Message of wgpu.
         reason: String,
     },
+    /// The host would wait for commands that another program submits.
+    #[error(
+        "commands in another program's encoder have no result before it is submitted; record only pictures with a \
+         granted capacity, and read results afterwards"
+    )]
+    NotSubmitted,
     /// A buffer does not have the length of the numbers to read.
     #[error(transparent)]
     BufferLength(BufferLength),

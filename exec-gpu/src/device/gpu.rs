@@ -156,6 +156,16 @@ impl Gpu {
         Ok(Self::with_fault(device, queue, info, limits, Arc::default()))
     }
 
+    /// The device, for commands of another program.
+    pub fn device(&self) -> &Device {
+        &self.device
+    }
+
+    /// The queue of the device.
+    pub fn queue(&self) -> &Queue {
+        &self.queue
+    }
+
     /// Name, driver and kind of the adapter.
     pub fn info(&self) -> &AdapterInfo {
         &self.info

@@ -99,6 +99,8 @@ impl Uniforms {
 #[derive(Debug, Default)]
 pub(crate) struct Recorder {
     encoder: Option<CommandEncoder>,
+    /// Whether the encoder is another program's, which submits it.
+    is_borrowed: bool,
     /// Pass of the last kernels in the encoder, shared by later ones.
     pass: Option<ComputePass<'static>>,
     uniforms: Uniforms,
@@ -115,12 +117,42 @@ impl Recorder {
         self.encoder.get_or_insert_with(|| gpu.device.create_command_encoder(&Default::default()))
     }
 
-    /// Submits the recorded commands.
+    /// Records into the encoder of another program from now on, instead of submitting.
+    pub(crate) fn borrow(&mut self, encoder: CommandEncoder) {
+        debug_assert!(self.encoder.is_none(), "earlier commands are submitted");
+        (self.encoder, self.is_borrowed) = (Some(encoder), true);
+    }
+
+    /// The encoder of [`Self::borrow`], with the commands since then.
+    pub(crate) fn give_back(&mut self, gpu: &Gpu) -> CommandEncoder {
+        self.end_part(gpu);
+        self.is_borrowed = false;
+        self.encoder.take().expect("a borrowed encoder stays until it is given back")
+    }
+
+    /// Whether commands are recorded into the encoder of another program.
+    pub(crate) fn is_borrowed(&self) -> bool {
+        self.is_borrowed
+    }
+
+    /// Ends a part of a borrowed encoder. Its uniforms stay as they are until the program submits
+    /// it, so the next part has another buffer.
+    fn end_part(&mut self, gpu: &Gpu) {
+        (self.dispatches, self.pass) = (0, None);
+        self.uniforms.write(gpu);
+        self.uniforms.buffer = None;
+    }
+
+    /// Submits the recorded commands, unless they are another program's to submit.
     ///
     /// # Errors
     ///
     /// Errors that the device reported since the last call.
     pub(crate) fn submit(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
+        if self.is_borrowed {
+            self.end_part(gpu);
+            return gpu.check();
+        }
         (self.dispatches, self.pass) = (0, None);
         if let Some(mut encoder) = mem::take(&mut self.encoder) {
             self.uniforms.write(gpu);

@@ -90,14 +90,16 @@ fn every_formula_is_on_the_device_what_it_is_on_the_host() {
 
     for (shading, channels) in every_shading() {
         let rows = side_by_side(&gaussian_rows(shading.layout), &unit(4, GEOMETRY + channels));
-        assert_same(gpu, &PlanesVjp { shading, is_lit: false, is_turned: false }, &rows);
+        let planes_vjp = PlanesVjp { shading, is_lit: false, is_turned: false, moves_camera: false };
+        assert_same(gpu, &planes_vjp, &rows);
+        assert_same(gpu, &PlanesVjp { moves_camera: true, ..planes_vjp }, &rows);
         if shading.looks_light_up() {
             let rows = side_by_side(&rows, &uniform_rows(5, &[[0.0, 2.0]; 8]));
             assert_same(gpu, &LookupVjp(shading), &rows);
             let rows = side_by_side(&rows, &unit(6, 9));
-            assert_same(gpu, &PlanesVjp { shading, is_lit: true, is_turned: false }, &rows);
+            assert_same(gpu, &PlanesVjp { is_lit: true, ..planes_vjp }, &rows);
             let rows = side_by_side(&rows, &light_frame_rows());
-            assert_same(gpu, &PlanesVjp { shading, is_lit: true, is_turned: true }, &rows);
+            assert_same(gpu, &PlanesVjp { is_lit: true, is_turned: true, moves_camera: true, ..planes_vjp }, &rows);
         }
     }
     let physical = Layout::shaded(Some(1)).physical();

@@ -12,6 +12,7 @@ mod near_field;
 mod order;
 mod pieces;
 mod pixel_light;
+mod recording;
 mod stages;
 mod stress;
 mod tape;

@@ -14,7 +14,7 @@ use specula_cpu::CpuExecutor;
 use specula_gpu::GpuError;
 use specula_tests::{
     compare::assert_all_close,
-    device::executor,
+    device::{executor, executor_in_chunks_of},
     formulas::camera,
     strategies::{random_cloud, random_environment},
 };
@@ -115,15 +115,63 @@ fn gradients_under_any_cotangent_are_those_of_the_cpu() {
     }
 }
 
-#[test]
-fn the_gradient_of_the_camera_is_refused_by_name() {
-    let Some(mut gpu) = executor() else { return };
-    let gaussians = gpu.upload_gaussians(&random_cloud(COUNT, Layout::radiance(1), 4)).expect("it fits");
+/// Gradient of the camera under a random cotangent, and those of the Gaussians with and without it.
+fn camera_grad<E: ReadBack>(exec: &mut E, layout: Layout) -> (Vec<f64>, [Vec<f32>; 2]) {
+    // More than a workgroup.
+    let cloud = random_cloud(5 * COUNT, layout, 6);
+    let gaussians = exec.upload_gaussians(&cloud).expect("it fits");
+    let light = random_environment(16, RadianceActivation::Exponential, 3);
+    let values = exec.upload(&light.values).expect("it fits");
+    let environment = Environment { resolution: light.resolution, activation: light.activation, values };
+    let environment = Some(&environment).filter(|_| layout.is_shaded());
     let camera = camera(SIZE as u32, SIZE as u32);
-    let rules = RenderRules { is_lit: false, ..rules(ShadingRules::PAPER) };
-    let tape = render_taped(&mut gpu, &gaussians, None, None, &camera, &rules).expect("it renders");
-    let planes = vec![0.0; 9 * SIZE * SIZE];
+    let rules = rules(ShadingRules::PAPER);
+    let tape = render_taped(exec, &gaussians, environment, None, &camera, &rules).expect("it renders");
+    let planes = tape.rules.blended(layout).count() + 1;
+    let numbers = (planes * SIZE * SIZE) as u64;
+    let cotangent: Vec<f32> = (0..numbers).map(|k| 2.0 * random::uniform(5, 1, k) - 1.0).collect();
+    let upload = |exec: &mut E| exec.upload_frame_grad(&tape.frame, &cotangent).expect("the planes fit");
+    let one = upload(exec);
+    let (moving, grad) = render_and_camera_vjp(exec, &tape, &gaussians, environment, one).expect("it derives");
+    let another = upload(exec);
+    let still = render_vjp(exec, &tape, &gaussians, environment, another).expect("it derives");
+    let gaussians = [moving, still].map(|gradients| {
+        let mut values = vec![0.0; cloud.values.len()];
+        exec.download(&gradients.gaussians.values, &mut values).expect("they come back");
+        values
+    });
+    (grad.rows().into_iter().flat_map(|row| row.to_array().map(|x| x.0)).collect(), gaussians)
+}
+
+#[test]
+fn the_gradient_of_the_camera_is_that_of_the_cpu() {
+    for layout in [Layout::radiance(1), Layout::shaded(Some(1))] {
+        // Blocks of 16 Gaussians, so that a chunk is smaller than a workgroup or takes several.
+        let chunks = [64, 272, 1 << 20].map(|count| 4 * count * layout.plane_count() as u64);
+        for bytes in chunks {
+            let Some(mut gpu) = executor_in_chunks_of(bytes) else { return };
+            let (found, [moving, still]) = camera_grad(&mut gpu, layout);
+            assert!(moving == still, "the camera changes no bit of the others");
+            let (expected, _) = camera_grad(&mut CpuExecutor::new(), layout);
+            for part in [0..9, 9..12] {
+                assert_all_close(&found[part.clone()], &expected[part], SAME_GRADIENT);
+            }
+            assert!(expected.iter().all(|x| x.abs() > 1e-3), "the camera has a gradient: {expected:?}");
+        }
+    }
+}
+
+#[test]
+fn cameras_of_light_added_pixel_by_pixel_are_refused_by_name() {
+    let Some(mut gpu) = executor() else { return };
+    let gaussians = gpu.upload_gaussians(&random_cloud(COUNT, Layout::shaded(None), 4)).expect("it fits");
+    let light = random_environment(16, RadianceActivation::Exponential, 3);
+    let values = gpu.upload(&light.values).expect("it fits");
+    let environment = Environment { resolution: light.resolution, activation: light.activation, values };
+    let (camera, rules) = (camera(SIZE as u32, SIZE as u32), rules(ShadingRules::DEFERRED));
+    let tape = render_taped(&mut gpu, &gaussians, Some(&environment), None, &camera, &rules).expect("it renders");
+    let planes = vec![0.0; (tape.rules.blended(Layout::shaded(None)).count() + 1) * SIZE * SIZE];
     let cotangent = gpu.upload_frame_grad(&tape.frame, &planes).expect("the planes fit");
-    let refused = render_and_camera_vjp(&mut gpu, &tape, &gaussians, None, cotangent).err();
+    let refused = render_and_camera_vjp(&mut gpu, &tape, &gaussians, Some(&environment), cotangent).err();
     assert!(matches!(refused, Some(GpuError::Unsupported(_))), "{refused:?}");
 }

@@ -12,13 +12,14 @@ use crate::{
 use specula_core::{
     attributes::{
         AttributeGrads, AttributeLosses, AttributePlanes, GaussianShading, LayerChannels, LightSample, LookupGrad,
-        shape_vjp,
+        camera_vjp, shape_vjp,
     },
     real::Real,
     rules::{Channels, channel},
     scene::Layout,
     shade::ShadingForm,
     splat::SplatGrad,
+    vector::Vec3,
 };
 
 /// Gradients of a Gaussian's splat and channels, through the shader's function `splat_grad`.
@@ -55,7 +56,12 @@ pub struct PlanesVjp {
     pub is_lit: bool,
     /// Whether that light is turned against the world.
     pub is_turned: bool,
+    /// Whether the gradient of the camera's pose is wanted, too.
+    pub moves_camera: bool,
 }
+
+/// Numbers of a [`CameraGrad`](specula_core::camera::CameraGrad).
+pub(crate) const CAMERA_GRADS: usize = 12;
 
 impl PlanesVjp {
     /// Light that the Gaussian looked up, and the gradients through it.
@@ -85,7 +91,10 @@ impl PlanesVjp {
 
 formula!(PlanesVjp, |this, inputs| planes_vjp(
     ..ColorsOf(this.shading).parameters(), ..splat_grad_field(this.shading.channels()), ..this.lookup_fields()
-) -> (..[call("store_plane_grad", this.shading.layout.plane_count())]) {
+) -> (..[
+    call("store_plane_grad", this.shading.layout.plane_count()),
+    call("store_camera_grad", if this.moves_camera { CAMERA_GRADS } else { 0 })
+]) {
     let plane_count = this.shading.layout.plane_count();
     let planes = Planes(inputs.slice(plane_count));
     let camera = take_camera(inputs);
@@ -99,7 +108,11 @@ formula!(PlanesVjp, |this, inputs| planes_vjp(
     } else {
         this.shading.radiance_vjp(&planes, camera.position, &channels, &mut out)
     };
-    shape_vjp(&planes.shape(this.shading.layout), &camera, &splat, &pose, &mut out);
+    let shape = planes.shape(this.shading.layout);
+    shape_vjp(&shape, &camera, &splat, &pose, &mut out);
+    if this.moves_camera {
+        out.0.extend(camera_vjp(&shape, &camera, &splat, &pose).rows().into_iter().flat_map(Vec3::to_array));
+    }
     out.0
 });
 

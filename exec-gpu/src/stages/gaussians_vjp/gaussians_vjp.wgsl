@@ -3,8 +3,9 @@
 // Threads: one invocation a Gaussian of the chunk, padding of the last block included.
 // Inputs: camera, planes of the Gaussians, gradients of splats; with a light, its texels and the
 // split-sum table.
-// Outputs: gradients of all planes; with a light, sums of the gradients of its texels.
-// Variants: shading, layout of the planes, with or without a light.
+// Outputs: gradients of all planes; with a light, sums of the gradients of its texels; for a camera
+// that moves, sums of its gradients.
+// Variants: shading, layout of the planes, with or without a light, still or moving camera.
 // Early exit: Gaussians without a gradient of their splat have zeros.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
@@ -33,6 +34,11 @@ fn is_touched() -> bool {
     return bits != 0u;
 }
 
+// Gaussians of the chunk, and those that fill its last block up.
+fn padded_count() -> u32 {
+    return (camera.gaussian_count + BLOCK - 1u) / BLOCK * BLOCK;
+}
+
 @compute @workgroup_size(GROUP)
 fn gaussians_vjp(
     @builtin(workgroup_id) group: vec3u,
@@ -40,14 +46,15 @@ fn gaussians_vjp(
     @builtin(local_invocation_index) local: u32,
 ) {
     gaussian = linear_index(group, groups, local);
-    if gaussian >= (camera.gaussian_count + BLOCK - 1u) / BLOCK * BLOCK {
-        return;
-    }
     if gaussian < camera.gaussian_count && is_touched() {
         store_plane_grads();
-    } else {
+    } else if gaussian < padded_count() {
         for (var plane = 0u; plane < PLANES; plane++) {
             store_plane_grad(plane, 0.0);
         }
+    }
+    let first = linear_index(group, groups, 0u);
+    if first < padded_count() {
+        add_up_camera_grads(first / GROUP, local);
     }
 }
