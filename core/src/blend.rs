@@ -266,19 +266,26 @@ impl<R: Real> OffsetMoments<R> {
     }
 }
 
+/// The gradient of a splat's centre from its first moments, over all pixels or in one.
+#[inline(always)]
+pub fn center_vjp<R: Real>(splat: &Splat2d<R>, [u, w]: [R; 2]) -> [R; 2] {
+    let [xx, yx, yy] = splat.root;
+    let twice_ln_2 = u.constant(4.0).ln();
+    [(xx * u + yx * w) * twice_ln_2, yy * w * twice_ln_2]
+}
+
 /// The gradient of a splat from its moments; offsets follow from δx = u / W_xx and δy = (w − W_yx
 /// δx) / W_yy. The depth has no gradient: compositing does not read it.
 #[inline(always)]
 pub fn moments_vjp<R: Real>(splat: &Splat2d<R>, opacity: R, moments: &OffsetMoments<R>) -> SplatGrad<R> {
     let [xx, yx, yy] = splat.root;
-    let ([u, w], [uu, uw, ww]) = (moments.first, moments.second);
-    let twice_ln_2 = u.constant(4.0).ln();
+    let [uu, uw, ww] = moments.second;
     let w_dx = uw / xx;
-    let scale = twice_ln_2 * -ROOT_SCALE;
+    let scale = uu.constant(4.0).ln() * -ROOT_SCALE;
     SplatGrad {
-        mean2d: [(xx * u + yx * w) * twice_ln_2, yy * w * twice_ln_2],
+        mean2d: center_vjp(splat, moments.first),
         root_conic: [uu / xx * scale, w_dx * scale, (ww - yx * w_dx) / yy * scale],
-        depth: u.zero(),
+        depth: uu.zero(),
         opacity: moments.sum / opacity,
     }
 }

@@ -938,6 +938,27 @@ pub trait ReadBack: Executor {
         Err(Unsupported { what: "gradients of splats on the host" }.into())
     }
 
+    /// Reads, for each splat, the sum over the pixels of the absolute gradient of its centre, by
+    /// axis: what densification by [AbsGS](https://arxiv.org/abs/2404.10484) compares, where
+    /// gradients of opposite pixels do not cancel. The gradient is that of the blended frame.
+    ///
+    /// # Errors
+    ///
+    /// [`BufferLength`], where `sums` has not one element for each Gaussian; [`Unsupported`], where
+    /// the executor does not sum them; otherwise the error of the executor.
+    fn read_absolute_center_grads(
+        &mut self,
+        splats: &Self::Splats,
+        colors: &Self::Colors,
+        tiles: &Self::Tiles,
+        frame: &Self::Frame,
+        grad: &Self::FrameGrad,
+        sums: &mut [[f32; 2]],
+    ) -> Result<(), Self::Error> {
+        let _ = (splats, colors, tiles, frame, grad, sums);
+        Err(Unsupported { what: "absolute gradients of splats" }.into())
+    }
+
     /// Sets the colour of each Gaussian: red, green and blue as they are blended. Other channels
     /// stay.
     ///

@@ -73,7 +73,7 @@ impl CutoffPolicy for Cutoffs {
 /// With `DefaultCutoffs` it also trains; with other [`Cutoffs`] it only renders.
 #[derive(Debug)]
 pub struct CpuExecutor<C = DefaultCutoffs> {
-    context: Context,
+    pub(crate) context: Context,
     cutoffs: C,
     /// Prefilter operator of the last scheme, resolution and levels.
     operator: Option<((PrefilterScheme, usize, LevelRange), Arc<Operator>)>,

@@ -4,7 +4,8 @@ use crate::{
     CpuError, CpuExecutor,
     frame::{Frame, FrameGrad, RGB},
     stages::{
-        blend_vjp::SplatGrads,
+        bin::Tiles,
+        blend_vjp::{SplatGrads, absolute_center_grads},
         project::{SplatRecord, Splats},
         shade::Colors,
     },
@@ -62,6 +63,20 @@ impl ReadBack for CpuExecutor {
     fn read_splat_grads(&mut self, grads: &SplatGrads, values: &mut [SplatGrad<f32>]) -> Result<(), CpuError> {
         BufferLength::check_len(grads.count(), values.len().next_multiple_of(BLOCK)).map_err(CpuError::BufferLength)?;
         values.iter_mut().enumerate().for_each(|(gaussian, value)| *value = grads.of_splat(gaussian));
+        Ok(())
+    }
+
+    fn read_absolute_center_grads(
+        &mut self,
+        splats: &Splats,
+        colors: &Colors,
+        tiles: &Tiles,
+        frame: &Frame,
+        grad: &FrameGrad,
+        sums: &mut [[f32; 2]],
+    ) -> Result<(), CpuError> {
+        BufferLength::check_len(tiles.emissions.len() - 1, sums.len()).map_err(CpuError::BufferLength)?;
+        absolute_center_grads(&self.context, splats, colors, tiles, frame, grad, sums);
         Ok(())
     }
 

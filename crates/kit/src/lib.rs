@@ -65,9 +65,9 @@
 //! * Scales and opacities are computed from logarithms and logits in `f32`: about 1e-6, relative.
 //!
 //! Unavailable options are errors by name: low-passes other than 0.3 px² (and 0.1 px² with
-//! antialiasing), skewed or distorted cameras, matrices that scale, gradients of view matrices on
-//! an executor without them. Colours have three channels. There are no absolute sums of the
-//! gradients of centres (`absgrad`), and no gradients of intrinsics.
+//! antialiasing), skewed or distorted cameras, matrices that scale, gradients of view matrices and
+//! absolute gradients (`absgrad`) on an executor without them; the GPU has no absolute ones. Colours
+//! have three channels. There are no gradients of intrinsics.
 
 pub use glam;
 pub use specula_core as core;

@@ -232,6 +232,14 @@ impl<E: ReadBack> Rasterizer<E> {
         let drawn = view.within_far.as_ref().unwrap_or(&context.gaussians);
         let (planes, background) = view.frame_cotangent(cotangents, context.options.depth);
         let cotangent = exec.upload_frame_grad(&view.tape.frame, &planes)?;
+        let count = context.scales.len();
+        let absolute_means2d = if context.options.absolute_gradients {
+            let (Tape { splats, colors, tiles, frame, .. }, mut sums) = (&view.tape, vec![[0.0; 2]; count]);
+            exec.read_absolute_center_grads(splats, colors, tiles, frame, &cotangent, &mut sums)?;
+            Some(sums)
+        } else {
+            None
+        };
         let (Gradients { gaussians, splats, .. }, camera_grad) = if context.options.view_gradients {
             let (gradients, camera) = render_and_camera_vjp(exec, &view.tape, drawn, None, cotangent)?;
             (gradients, Some(camera))
@@ -239,7 +247,6 @@ impl<E: ReadBack> Rasterizer<E> {
             (render_vjp(exec, &view.tape, drawn, None, cotangent)?, None)
         };
 
-        let count = context.scales.len();
         let mut values = vec![0.0; specula_core::scene::len_of_values(count, context.layout)];
         exec.download(&gaussians.values, &mut values)?;
         let grad = gaussians.with_values(values);
@@ -264,6 +271,7 @@ impl<E: ReadBack> Rasterizer<E> {
         }
         Ok(ViewGradients {
             means2d: splat_grads.iter().map(|splat| splat.mean2d).collect(),
+            absolute_means2d,
             background,
             view_matrix: camera_grad.map(|grad| view_matrix(&grad, &view.tape.camera)),
         })

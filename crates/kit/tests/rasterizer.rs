@@ -406,6 +406,40 @@ fn colors_have_no_floor() {
     assert_same(&case);
 }
 
+/// An absolute gradient is the sum of |∂L/∂centre| over the pixels: of cotangents with one pixel each.
+#[test]
+fn absolute_gradients_are_those_of_single_pixels() {
+    let options = Options { absolute_gradients: true, ..options(DepthMode::Expected) };
+    let case = Case::new(12, None, options, 5);
+    let mut rasterizer = Rasterizer::new(case.options);
+    let (_, context) = rasterizer.forward(&case.inputs(), &case.views[..1]).expect("the inputs are valid");
+    let all = cotangents_of(9);
+    let (rgb, rest) = all.split_at(3 * PIXELS);
+    let (alpha, depth) = rest.split_at(PIXELS);
+    let whole = Cotangents { rgb, alpha, depth };
+    let found = rasterizer.backward(&context, &[whole]).expect("the cotangents fit").views.remove(0);
+    let absolute = found.absolute_means2d.expect("they were asked for");
+    let mut expected = vec![[0.0; 2]; case.means.len()];
+    for pixel in 0..PIXELS {
+        let only = |values: &[f32], width: usize| -> Vec<f32> {
+            let of = |(k, x): (usize, &f32)| if k / width == pixel { *x } else { 0.0 };
+            values.iter().enumerate().map(of).collect()
+        };
+        let (rgb, alpha, depth) = (only(rgb, 3), only(alpha, 1), only(depth, 1));
+        let one = Cotangents { rgb: &rgb, alpha: &alpha, depth: &depth };
+        let one = rasterizer.backward(&context, &[one]).expect("the cotangents fit").views.remove(0);
+        for (sum, grad) in expected.iter_mut().zip(&one.means2d) {
+            *sum = [0, 1].map(|axis| sum[axis] + f64::from(grad[axis].abs()));
+        }
+    }
+    let most = largest(expected.as_flattened());
+    for (found, expected) in absolute.as_flattened().iter().zip(expected.as_flattened()) {
+        assert!((f64::from(*found) - expected).abs() <= SAME_GRADIENT * most, "{found} is not {expected}");
+    }
+    let larger = absolute.iter().zip(&found.means2d).filter(|(sum, grad)| sum[0] > 2.0 * grad[0].abs());
+    assert!(larger.count() > 3, "gradients of opposite pixels cancel in the others");
+}
+
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
     let case = Case::new(500, Some((3, 16)), options(DepthMode::Expected), 12);

@@ -120,6 +120,7 @@ pub(crate) fn rasterize<'py>(
     render_mode: &str,
     is_taped: bool,
     view_gradients: bool,
+    absolute_gradients: bool,
 ) -> PyResult<Pictures<'py>> {
     let mode = Mode::of(render_mode)?;
     let means = Floats::new(means, "means")?.shaped("means", "[N, 3]")?;
@@ -153,7 +154,7 @@ pub(crate) fn rasterize<'py>(
         opacities: opacities.values(),
         colors,
     };
-    let options = Options { near, far, eps2d, antialiased, depth: mode.depth, view_gradients };
+    let options = Options { near, far, eps2d, antialiased, depth: mode.depth, view_gradients, absolute_gradients };
     let shape = [views.len(), height as usize, width as usize];
     let [cameras, height, width] = shape;
     let count = inputs.means.len();
@@ -206,7 +207,7 @@ impl Tape {
         let colors = read(grad_colors, "grad_colors", self.mode.channels())?;
         let alphas = read(grad_alphas, "grad_alphas", 1)?;
         let (colors, alphas) = (colors.as_ref().map(Floats::values), alphas.as_ref().map(Floats::values));
-        let grads = try_compute_with(py, &self.state, |(rasterizer, context)| {
+        let mut grads = try_compute_with(py, &self.state, |(rasterizer, context)| {
             let channels = size * self.mode.channels();
             let view_grads = |view: usize| colors.map(|all| &all[view * channels..(view + 1) * channels]);
             let split: Vec<_> =
@@ -237,6 +238,12 @@ impl Tape {
         let matrices: Option<Vec<[[f32; 4]; 4]>> = grads.views.iter().map(|view| view.view_matrix).collect();
         if let Some(matrices) = matrices {
             named.set_item("viewmats", rows(py, matrices.into_flattened(), &[cameras, 4, 4])?)?;
+        }
+        let absolute: Option<Vec<Vec<[f32; 2]>>> =
+            grads.views.iter_mut().map(|view| view.absolute_means2d.take()).collect();
+        if let Some(absolute) = absolute {
+            named
+                .set_item("absgrad", rows(py, absolute.into_iter().flatten().collect(), &[cameras, self.count, 2])?)?;
         }
         let centers = grads.views.into_iter().flat_map(|ViewGradients { means2d, .. }| means2d).collect();
         named.set_item("means2d", rows(py, centers, &[cameras, self.count, 2])?)?;

@@ -77,6 +77,34 @@ def test_packed_centres_have_packed_gradients():
     assert torch.equal(grads[True], grads[False][meta["camera_ids"], meta["gaussian_ids"]])
 
 
+def test_absolute_gradients_are_those_of_single_pixels():
+    tensors = leaves(problem(spread=3.0))
+    width, height = 12, 9
+    grads = {}
+    for packed in (False, True):
+        colors, alphas, meta = sg.rasterization(
+            **tensors, width=width, height=height, packed=packed, absgrad=True, render_mode="RGB+ED"
+        )
+        means2d = meta["means2d"]
+        means2d.retain_grad()
+        weights = torch.linspace(-1.0, 1.0, colors.numel()).reshape(colors.shape)
+        (colors * weights).sum().backward(retain_graph=not packed)
+        assert means2d.absgrad.shape == means2d.shape and (means2d.absgrad >= means2d.grad.abs() - 1e-4).all()
+        grads[packed] = means2d.absgrad
+        if packed:
+            continue
+        expected = torch.zeros_like(means2d)
+        for row in range(height):
+            for column in range(width):
+                means2d.grad = None
+                one = (colors * weights)[:, row, column].sum()
+                one.backward(retain_graph=True)
+                expected += means2d.grad.abs()
+        assert torch.allclose(grads[False], expected, atol=1e-4 * float(expected.max()))
+        assert (expected > 2 * means2d.grad.abs()).any()
+    assert torch.equal(grads[True], grads[False][meta["camera_ids"], meta["gaussian_ids"]])
+
+
 def test_graphs_of_other_operations_and_dtypes():
     arrays = problem()
     logits = torch.randn(30, dtype=torch.float64, requires_grad=True)

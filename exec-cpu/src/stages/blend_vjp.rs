@@ -21,7 +21,10 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use fearless_simd::{Simd, dispatch};
 use rayon::prelude::*;
 use specula_core::{
-    blend::{OffsetMoments, Replay, StepGrad, log2_strength, moments_vjp, offset_from, offset_of_origin, step_vjp},
+    blend::{
+        OffsetMoments, Replay, StepGrad, center_vjp, log2_strength, moments_vjp, offset_from, offset_of_origin,
+        step_vjp,
+    },
     real::Real,
     scene::BLOCK,
     splat::{Splat2d, SplatGrad},
@@ -244,16 +247,8 @@ fn splat_vjp<S: Simd, const C: usize>(
     let mut moments = OffsetMoments::zero(zero);
     for index in Bits(seen) {
         let offset = offset_from(at_corner, splat.root, centers_of(simd, index));
-        let quad = &mut replays[index];
         let along = dot_channels(simd, &color, &grad[index]);
-        let replay = Replay {
-            transmittance: Lanes::load(simd, &quad.transmittance),
-            remaining: Lanes::load(simd, &quad.remaining),
-        };
-        let StepGrad { log_strength, weight, behind } =
-            step_vjp(log2_strength(splat.log2_opacity, offset), replay, along);
-        behind.transmittance.store(&mut quad.transmittance);
-        behind.remaining.store(&mut quad.remaining);
+        let [log_strength, weight] = replays[index].step(simd, log2_strength(splat.log2_opacity, offset), along);
         weight.store(&mut weights[index]);
         moments = moments.with(log_strength, offset);
     }
@@ -318,6 +313,21 @@ struct ReplayQuad {
     remaining: Quad,
 }
 
+impl ReplayQuad {
+    /// Replays a splat: the gradient of the logarithm of its strength, and its weight.
+    #[inline(always)]
+    fn step<S: Simd>(&mut self, simd: S, log2_strength: Lanes<S>, along: Lanes<S>) -> [Lanes<S>; 2] {
+        let replay = Replay {
+            transmittance: Lanes::load(simd, &self.transmittance),
+            remaining: Lanes::load(simd, &self.remaining),
+        };
+        let StepGrad { log_strength, weight, behind } = step_vjp(log2_strength, replay, along);
+        behind.transmittance.store(&mut self.transmittance);
+        behind.remaining.store(&mut self.remaining);
+        [log_strength, weight]
+    }
+}
+
 /// Pixels before their first splat: Σ g · C + g_T · T is the initial [`Replay::remaining`].
 #[inline(always)]
 fn replays_at_start<S: Simd, const C: usize>(simd: S, pixels: &[Quad], grad: &[Quad]) -> [ReplayQuad; QUADS] {
@@ -331,4 +341,75 @@ fn replays_at_start<S: Simd, const C: usize>(simd: S, pixels: &[Quad], grad: &[Q
         sum.store(&mut replay.remaining);
     }
     replays
+}
+
+/// Sums over the pixels of the absolute gradients of the splats' centres, one for each Gaussian.
+pub(crate) fn absolute_center_grads(
+    context: &Context,
+    splats: &Splats,
+    colors: &Colors,
+    tiles: &Tiles,
+    frame: &Frame,
+    grad: &FrameGrad,
+    sums: &mut [[f32; 2]],
+) {
+    with_channels!(colors.channels, absolute_grads(context, splats, colors, tiles, frame, grad, sums));
+}
+
+fn absolute_grads<const C: usize>(
+    context: &Context,
+    splats: &Splats,
+    colors: &Colors,
+    tiles: &Tiles,
+    frame: &Frame,
+    grad: &FrameGrad,
+    sums: &mut [[f32; 2]],
+) {
+    let mut slots = context.take::<[f32; 2]>(tiles.intersection_count());
+    let slots_of = |slot: usize| tiles.start_of_covered(slot);
+    each_part(frame.cover.tiles.len(), Pieces::new(&mut slots, &slots_of), &|slot, out: Pieces<'_, [f32; 2]>| {
+        let list = tiles.of_covered(slot);
+        let seen = &frame.seen[tiles.start_of_covered(slot)..][..list.len()];
+        let origin = frame.cover.origin(slot);
+        let grad = &grad.values[slot * tile_len(C)..][..tile_len(C)];
+        let pixels = frame.tile(slot);
+        dispatch!(context.level, simd => {
+            let mut replays = replays_at_start::<_, C>(simd, pixels, grad);
+            let grad = grad[..QUADS * C].as_chunks::<C>().0;
+            for ((gaussian, seen), out) in list.iter().zip(seen).zip(out.only()) {
+                let gaussian = gaussian.load(Relaxed) as usize;
+                let color = colors.values[gaussian * C..].first_chunk::<C>().expect("a Gaussian has all channels");
+                *out = absolute_splat_grad(simd, &splats.records[gaussian], color, *seen, origin, grad, &mut replays);
+            }
+        });
+    });
+    sums.par_iter_mut().enumerate().for_each(|(gaussian, sum)| {
+        *sum = tiles.positions_of(gaussian).fold([0.0; 2], |[x, y], at| [x + slots[at][0], y + slots[at][1]]);
+    });
+}
+
+/// Replays one splat over the quads in which it was visible; sums the absolute gradients of its
+/// centre.
+#[inline(always)]
+fn absolute_splat_grad<S: Simd, const C: usize>(
+    simd: S,
+    record: &SplatRecord,
+    color: &[f32; C],
+    seen: u16,
+    origin: [f32; 2],
+    grad: &[[Quad; C]],
+    replays: &mut [ReplayQuad; QUADS],
+) -> [f32; 2] {
+    let splat = splat_on_tile(simd, record, origin);
+    let at_corner = offset_of_origin(&splat);
+    let color = color_lanes(simd, color);
+    let mut sums = [Lanes::splat(simd, 0.0); 2];
+    for index in Bits(seen) {
+        let offset = offset_from(at_corner, splat.root, centers_of(simd, index));
+        let along = dot_channels(simd, &color, &grad[index]);
+        let [log_strength, _] = replays[index].step(simd, log2_strength(splat.log2_opacity, offset), along);
+        let center = center_vjp(&splat, offset.map(|x| log_strength * x));
+        sums = [sums[0] + center[0].abs(), sums[1] + center[1].abs()];
+    }
+    sums.map(Lanes::sum)
 }

@@ -337,6 +337,7 @@ def rasterize(
     render_mode: str,
     is_taped: bool,
     view_gradients: bool,
+    absolute_gradients: bool,
 ) -> tuple[
     NDArray[np.float32],
     NDArray[np.float32],

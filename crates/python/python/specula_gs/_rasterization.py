@@ -33,7 +33,7 @@ class Meta(dict[str, Any]):
     | `width`, `height`, `tile_size`, `n_cameras`, `n_batches` | int | |
 
     Batches precede C. With torch and without batches, `means2d` receives the gradient of the
-    splats' centres (`retain_grad`). Other keys of gsplat raise `UnsupportedKey`.
+    splats' centres (`retain_grad`), and with `absgrad` an attribute of that name. Other keys of gsplat raise `UnsupportedKey`.
     """
 
     def __missing__(self, key: str) -> Any:
@@ -68,6 +68,7 @@ class Options:
     tile_size: int
     render_mode: str
     antialiased: bool
+    absgrad: bool
 
     @property
     def has_colors(self) -> bool:
@@ -132,7 +133,7 @@ class Forward:
         total = {name: _sum([grads[name] for _, grads in done]) for name in ("means", "quats", "scales", "opacities")}
         cameras = list(dict.fromkeys(part.cameras.start for part in self.parts))
         of_camera = [[grads for part, grads in done if part.cameras.start == start] for start in cameras]
-        for name in ("viewmats", "means2d"):
+        for name in ("viewmats", "means2d", "absgrad"):
             if name in done[0][1]:
                 total[name] = _joined([_sum([grads[name] for grads in each]) for each in of_camera], axis=0)
         for name in ("colors", "backgrounds"):
@@ -211,7 +212,7 @@ def options_of(
     """Checked options; raises `Unsupported` for what only gsplat has."""
     if camera_model != "pinhole":
         raise Unsupported(f"camera_model {camera_model!r} is not supported; use 'pinhole'")
-    wanted = {"sparse_grad": sparse_grad, "absgrad": absgrad, "distributed": distributed, **others}
+    wanted = {"sparse_grad": sparse_grad, "distributed": distributed, **others}
     for name, value in wanted.items():
         if value is not None and value is not False:
             raise Unsupported(f"{name}={value!r} is not supported; omit it")
@@ -241,6 +242,7 @@ def options_of(
         tile_size=16 if tile_size is None else _whole(tile_size, "tile_size"),
         render_mode=render_mode,
         antialiased=rasterize_mode == "antialiased",
+        absgrad=bool(absgrad),
     )
 
 
@@ -281,6 +283,8 @@ def forward(arguments: Arguments, options: Options, *, taped: bool, views: bool)
         # Depths have no background.
         backgrounds = _padded(backgrounds) if options.has_colors else None
     padded = _padded(colors)
+    if options.absgrad and padded.shape[-1] > 3 and options.has_colors:
+        raise Unsupported(f"absgrad with {channels} channels is not supported; use 3")
 
     def call(cameras: slice, first: int) -> tuple[Any, Part]:
         taken = slice(first, first + 3)
@@ -305,6 +309,7 @@ def forward(arguments: Arguments, options: Options, *, taped: bool, views: bool)
             mode,
             taped,
             views,
+            options.absgrad,
         )
         return drawn, Part(cameras, taken, "RGB" in mode, "D" in mode, drawn[5])
 
@@ -439,6 +444,8 @@ def rasterization(
         packed: whether the arrays of `meta` have entries only for splats that are drawn.
         backgrounds: [C, D], colours behind the Gaussians.
         render_mode: colours, accumulated depth D, expected depth ED, or both.
+        absgrad: whether a backward pass through tensors also sets `meta["means2d"].absgrad`, the sums
+            over the pixels of the absolute gradients of the splats' centres; for 3 channels.
         rasterize_mode: "antialiased" compensates opacities for eps2d.
         tile_size, channel_chunk, segmented: without influence.
 
@@ -486,6 +493,8 @@ def _rasterize(arguments: Arguments, options: Options) -> tuple[Any, Any, Meta]:
         from ._torch import rasterize_tensors
 
         return rasterize_tensors(arguments, options)
+    if options.absgrad:
+        raise Unsupported("absgrad=True is not supported for arrays; use tensors of torch")
     done = forward(arguments, options, taped=False, views=False)
     return done.colors, done.alphas, _meta_of(done, options)
 
@@ -501,6 +510,8 @@ def _shape(array: Any) -> tuple[int, ...]:
 
 def _rasterize_batches(arguments: Arguments, options: Options, batch: tuple[int, ...]) -> tuple[Any, Any, Meta]:
     """Rasterises every batch by itself."""
+    if options.absgrad:
+        raise Unsupported("absgrad=True is not supported in batches; rasterise each by itself")
     count = math.prod(batch)
     if count == 0:
         raise InvalidInput(f"means has the shape {list(_shape(arguments.means))}, which has no batch")

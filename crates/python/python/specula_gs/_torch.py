@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,12 @@ class _Shared:
         self.options = options
         self.ids = ids
         self.grad_means2d: torch.Tensor | None = None
+        self.means2d: weakref.ref[torch.Tensor] | None = None
+
+    def chosen(self, array: Any) -> torch.Tensor:
+        """Entries of an array [C, N, …] that `meta` has."""
+        tensor = torch.from_numpy(array)
+        return tensor if self.ids is None else tensor[self.ids]
 
 
 class _Centers(torch.autograd.Function):
@@ -30,8 +37,7 @@ class _Centers(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, shared: _Shared, *tensors: Any) -> torch.Tensor:
         ctx.shared = shared
-        means2d = torch.from_numpy(shared.done.means2d)
-        return means2d if shared.ids is None else means2d[shared.ids]
+        return shared.chosen(shared.done.means2d)
 
     @staticmethod
     @once_differentiable
@@ -58,9 +64,11 @@ class _Pictures(torch.autograd.Function):
         means2d_needed, *needed = ctx.needs_input_grad[1:]
         grads = shared.done.vjp(_numpy(grad_colors), _numpy(grad_alphas))
         if means2d_needed:
-            grad = torch.from_numpy(grads["means2d"])
             # Another backward pass through the same graph adds its own.
-            shared.grad_means2d = grad if shared.ids is None else grad[shared.ids]
+            shared.grad_means2d = shared.chosen(grads["means2d"])
+        means2d = None if shared.means2d is None else shared.means2d()
+        if means2d is not None and "absgrad" in grads:
+            means2d.absgrad = shared.chosen(grads["absgrad"])  # type: ignore[attr-defined]
         out = [None if not is_needed else _tensor(grads.get(name)) for name, is_needed in zip(_NAMES, needed)]
         if needed[-1] and not shared.options.has_colors:
             out[-1] = torch.zeros((len(shared.done.radii), 1))
@@ -109,5 +117,7 @@ def rasterize_tensors(arguments: Arguments, options: Options) -> tuple[torch.Ten
         radii, depths = radii[ids], depths[ids]
     shared = _Shared(done, options, ids)
     centers = _Centers.apply(shared, *tensors)  # type: ignore[no-untyped-call]
+    # Centres hold the graph, which holds what is shared.
+    shared.means2d = weakref.ref(centers)
     pictures, alphas = _Pictures.apply(shared, centers, *tensors)  # type: ignore[no-untyped-call]
     return pictures, alphas, done.meta(options, centers, radii, depths, ids)
