@@ -151,7 +151,9 @@ pub(crate) fn finish(video: Option<&Video>, folder: &PictureFolder) -> Result<()
 
 /// Refuses a folder that is named like a file, unless it is there.
 fn refuse_other_file(path: &Path, ending: &str) -> Result<(), Failure> {
-    let is_of_files = (2..=4).contains(&ending.len()) && ending.chars().all(|letter| letter.is_ascii_alphabetic());
+    // Such as `mp3`, but not `v2`.
+    let letters = ending.strip_suffix(|last: char| last.is_ascii_digit()).unwrap_or(ending);
+    let is_of_files = (2..=4).contains(&letters.len()) && letters.chars().all(|letter| letter.is_ascii_alphabetic());
     if !is_of_files || path.is_dir() {
         return Ok(());
     }

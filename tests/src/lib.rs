@@ -21,3 +21,24 @@ pub mod prefilter_error;
 pub use specula_conformance::{self as conformance, compare, near_fields, strategies, stress};
 pub use specula_oracle as plain;
 pub use specula_oracle::{independent, independent::lobe, number};
+
+/// The examples of READMEs, except those of programs with files of their own.
+#[cfg(doctest)]
+mod readmes {
+    #[doc = include_str!("../../core/README.md")]
+    struct Core;
+    #[doc = include_str!("../../exec-cpu/README.md")]
+    struct Cpu;
+    #[doc = include_str!("../../exec-gpu/README.md")]
+    struct Gpu;
+    #[doc = include_str!("../../crates/accuracy/README.md")]
+    struct Accuracy;
+    #[doc = include_str!("../../crates/mesh/README.md")]
+    struct Mesh;
+    #[doc = include_str!("../../crates/oracle/README.md")]
+    struct Oracle;
+    #[doc = include_str!("../../crates/prefilter/README.md")]
+    struct Prefilter;
+    #[doc = include_str!("../../crates/train/README.md")]
+    struct Train;
+}

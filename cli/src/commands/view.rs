@@ -54,7 +54,12 @@ impl From<ViewerError> for Failure {
         match error {
             ViewerError::Scene(error) => error.into(),
             ViewerError::Random(_) => Self::Input(format!("{error}; set one with --token")),
-            ViewerError::Listen { .. } | ViewerError::Clock | ViewerError::Request(_) => Self::Input(error.to_string()),
+            ViewerError::Listen { address, cause } => Self::Input(format!(
+                "cannot listen at {address}: {cause}; use another address with view --listen or train --view, such as {} \
+                 for any free port",
+                SocketAddr::new(address.ip(), 0)
+            )),
+            ViewerError::Clock | ViewerError::Request(_) => Self::Input(error.to_string()),
             other => Self::Internal(other.to_string()),
         }
     }

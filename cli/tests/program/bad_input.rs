@@ -240,9 +240,21 @@ fn a_data_set_in_place_of_a_model_and_a_video_in_place_of_a_folder() {
         refuses(video(&["--exr"]), &["cannot store numbers", name]);
         assert!(!tiny.path(name).exists());
     }
+    for name in ["picture.png", "song.mp3"] {
+        let mut command = specula();
+        command.arg("render").arg(tiny.path("model")).arg("-o").arg(tiny.path(name));
+        refuses(command, &[name, "neither like a folder of pictures nor like a video"]);
+    }
+}
+
+#[test]
+fn an_address_that_is_taken() {
+    let tiny = Tiny::new();
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port is free");
+    let address = taken.local_addr().expect("it is bound").to_string();
     let mut command = specula();
-    command.arg("render").arg(tiny.path("model")).arg("-o").arg(tiny.path("picture.png"));
-    refuses(command, &["picture.png", "neither like a folder of pictures nor like a video"]);
+    command.arg("view").arg(tiny.path("model")).args(["--listen", &address]);
+    refuses(command, &[&address, "view --listen", "127.0.0.1:0"]);
 }
 
 #[test]
