@@ -680,8 +680,8 @@ pub trait Executor: Renderer {
     ///
     /// # Errors
     ///
-    /// [`Unsupported`], where the executor has no gradient of the camera; otherwise the error of the
-    /// executor.
+    /// [`Unsupported`], where the executor has no gradient of the camera; otherwise the error of
+    /// the executor.
     fn gaussians_and_camera_vjp(
         &mut self,
         gaussians: &Gaussians<Self::Array>,

@@ -179,7 +179,8 @@ impl GpuExecutor<Storage> {
     /// encoder before the executor's next call, which may reuse the memory of its arrays.
     ///
     /// ```no_run
-    /// # use specula_core::{camera::Camera, executor::Renderer, pipeline::render, rules::RenderRules, scene::Gaussians};
+    /// # use specula_core::{camera::Camera, executor::Renderer, pipeline::render};
+    /// # use specula_core::{rules::RenderRules, scene::Gaussians};
     /// # use specula_gpu::{Composer, GpuError, GpuExecutor};
     /// # fn draw(
     /// #     exec: &mut GpuExecutor<specula_core::pack::Storage>,
@@ -197,8 +198,8 @@ impl GpuExecutor<Storage> {
     ///
     /// # Errors
     ///
-    /// Those of the stages; [`GpuError::NotSubmitted`] for those that read a result on the host, such
-    /// as a picture whose pairs are counted first.
+    /// Those of the stages; [`GpuError::NotSubmitted`] for those that read a result on the host,
+    /// such as a picture whose pairs are counted first.
     pub fn record<T>(
         &mut self,
         encoder: &mut CommandEncoder,

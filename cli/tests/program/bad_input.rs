@@ -252,6 +252,7 @@ fn an_address_that_is_taken() {
     let tiny = Tiny::new();
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port is free");
     let address = taken.local_addr().expect("it is bound").to_string();
+    train(&tiny, "model").assert().success();
     let mut command = specula();
     command.arg("view").arg(tiny.path("model")).args(["--listen", &address]);
     refuses(command, &[&address, "view --listen", "127.0.0.1:0"]);

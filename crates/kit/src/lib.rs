@@ -66,8 +66,8 @@
 //!
 //! Unavailable options are errors by name: low-passes other than 0.3 px² (and 0.1 px² with
 //! antialiasing), skewed or distorted cameras, matrices that scale, gradients of view matrices and
-//! absolute gradients (`absgrad`) on an executor without them; the GPU has no absolute ones. Colours
-//! have three channels. There are no gradients of intrinsics.
+//! absolute gradients (`absgrad`) on an executor without them; the GPU has no absolute ones.
+//! Colours have three channels. There are no gradients of intrinsics.
 
 pub use glam;
 pub use specula_core as core;

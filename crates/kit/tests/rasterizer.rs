@@ -406,7 +406,8 @@ fn colors_have_no_floor() {
     assert_same(&case);
 }
 
-/// An absolute gradient is the sum of |∂L/∂centre| over the pixels: of cotangents with one pixel each.
+/// An absolute gradient is the sum of |∂L/∂centre| over the pixels: of cotangents with one pixel
+/// each.
 #[test]
 fn absolute_gradients_are_those_of_single_pixels() {
     let options = Options { absolute_gradients: true, ..options(DepthMode::Expected) };

@@ -1,5 +1,6 @@
 //! Pictures in the command encoder of another program.
 
+use core::array;
 use specula_core::{
     executor::Renderer,
     pack::Storage,
@@ -12,7 +13,6 @@ use specula_core::{
 use specula_gpu::{Gpu, GpuError, GpuExecutor};
 use specula_oracle::scenes::camera;
 use specula_tests::{device::executor, strategies::random_cloud};
-use std::array;
 
 const SIZE: u32 = 48;
 

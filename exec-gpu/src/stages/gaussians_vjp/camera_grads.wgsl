@@ -1,5 +1,5 @@
-// Declarations: sums of the gradient of the camera, one for each workgroup. Their binding is declared
-// by the host, since it follows those of the light.
+// Declarations: sums of the gradient of the camera, one for each workgroup. Their binding is
+// declared by the host, since it follows those of the light.
 
 var<private> camera_grad: array<f32, CAMERA_GRADS>;
 var<workgroup> camera_grads: array<array<f32, CAMERA_GRADS>, GROUP>;
