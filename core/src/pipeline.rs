@@ -76,7 +76,7 @@ pub fn render_observed<E: Renderer>(
 ///
 /// # Errors
 ///
-/// The error of the stage that failed; [`Unsupported`](crate::executor::Unsupported) by executors
+/// The error of the stage that failed; [`Unsupported`] by executors
 /// without [`Feature::Occlusions`](crate::executor::Feature::Occlusions).
 pub fn render_occluded<E: Renderer>(
     exec: &mut E,
@@ -393,7 +393,7 @@ pub fn render_taped<E: Executor>(
 ///
 /// # Errors
 ///
-/// The error of the stage that failed; [`Unsupported`](crate::executor::Unsupported), where the
+/// The error of the stage that failed; [`Unsupported`], where the
 /// executor takes no colours from the host.
 pub fn render_colors_taped<E: ReadBack>(
     exec: &mut E,

@@ -82,7 +82,7 @@ pub struct Options {
     /// matrices.
     pub view_gradients: bool,
     /// Whether [`Rasterizer::backward`](crate::Rasterizer::backward) returns the sums of the
-    /// absolute gradients of the splats' centres; they take about half of a backward pass more.
+    /// absolute gradients of the splats' centres, for which the tiles are replayed once more.
     pub absolute_gradients: bool,
 }
 
