@@ -783,6 +783,22 @@ proptest! {
         assert_vjp(&inputs, blend_stack, blend_stack_vjp, SAME_DERIVATIVE);
     }
 
+    /// The logarithm of a splat's strength in one pixel, whose moment is its offset.
+    #[test]
+    fn centers_of_splats_are_derived_right_in_one_pixel(
+        center in vec(-1.5..1.5_f64, 2), root in (0.2..1.5_f64, -0.5..0.5_f64, 0.2..1.5_f64),
+    ) {
+        assert_vjp(
+            &center,
+            |x| vec![in_one_pixel(x, root).1.log2_strength * x[0].constant(2.0).ln()],
+            |x, g| {
+                let (splat, falloff) = in_one_pixel(x, root);
+                blend::center_vjp(&splat, falloff.offset.map(|offset| offset * g[0])).to_vec()
+            },
+            SAME_DERIVATIVE,
+        );
+    }
+
     #[test]
     fn expected_depth_is_derived_right(blended in 0.1..5.0_f64, coverage in 0.1..1.0_f64) {
         assert_vjp(
@@ -1366,6 +1382,13 @@ fn blend_stack<R: Number>(x: &[R]) -> Vec<R> {
         join(&[&color.to_array(), &[state.final_transmittance]])
     };
     PIXELS.iter().flat_map(|&p| pixel(p)).collect()
+}
+
+/// A splat of opacity 1 around a centre, and its falloff in a pixel.
+fn in_one_pixel<R: Number>(x: &[R], (xx, yx, yy): (f64, f64, f64)) -> (Splat2d<R>, blend::Falloff<R>) {
+    let splat = Splat2d::new([x[0], x[1]], [xx, yx, yy].map(R::of), R::of(0.0));
+    let [px, py] = PIXELS[0];
+    (splat, blend::falloff(&splat, -x[0] + px, -x[1] + py))
 }
 
 /// Base, tint, roughness, normal and coverage of a pixel.
