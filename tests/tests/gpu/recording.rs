@@ -10,7 +10,7 @@ use specula_core::{
     scene::Layout,
     shade::ShadingRules,
 };
-use specula_gpu::{Gpu, GpuError, GpuExecutor};
+use specula_gpu::{Frame, Gpu, GpuError, GpuExecutor};
 use specula_oracle::scenes::camera;
 use specula_tests::{device::executor, strategies::random_cloud};
 
@@ -25,7 +25,7 @@ fn viewer(gpu: &Gpu) -> GpuExecutor<Storage> {
     GpuExecutor::viewer(gpu.clone(), Storage::F32)
 }
 
-fn planes(exec: &mut GpuExecutor<Storage>, frame: &specula_gpu::Frame) -> Vec<f32> {
+fn planes(exec: &mut GpuExecutor<Storage>, frame: &Frame) -> Vec<f32> {
     let mut planes = vec![0.0; (Channels::Layers.count() + 1) * (SIZE * SIZE) as usize];
     exec.read_frame(frame, &mut planes).expect("the frame has that size");
     planes
@@ -52,12 +52,11 @@ fn recorded_pictures_wait_for_nothing_and_have_the_same_bits() {
         let waits = exec.gpu().waits();
         // Several pictures have more kernels than a submission of the executor's own.
         let mut encoder = gpu.device().create_command_encoder(&Default::default());
-        let frames = exec
+        let frames: Vec<Frame> = exec
             .record(&mut encoder, |exec| {
                 scenes.each_ref().map(|scene| render(exec, scene, None, &camera, &rules())).into_iter().collect()
             })
             .expect("it is recorded");
-        let frames: Vec<specula_gpu::Frame> = frames;
         assert_eq!(exec.gpu().waits(), waits, "nothing waits");
         gpu.queue().submit([encoder.finish()]);
         let status = exec.frame_status_later().expect("it is asked for");
@@ -96,7 +95,7 @@ fn results_before_the_submission_are_refused() {
     });
     assert_eq!(nested, Err(GpuError::NotSubmitted));
     assert_eq!(exec.record(&mut encoder, GpuExecutor::finish), Err(GpuError::NotSubmitted));
-    // The executor goes on.
+    // Later pictures are rendered as before.
     let frame = render(&mut exec, &scene, None, &camera, &rules()).expect("it is rendered");
     assert!(planes(&mut exec, &frame).iter().any(|x| *x != 0.0), "the picture is black");
 }

@@ -33,7 +33,8 @@ class Meta(dict[str, Any]):
     | `width`, `height`, `tile_size`, `n_cameras`, `n_batches` | int | |
 
     Batches precede C. With torch and without batches, `means2d` receives the gradient of the
-    splats' centres (`retain_grad`), and with `absgrad` an attribute of that name. Other keys of gsplat raise `UnsupportedKey`.
+    splats' centres (`retain_grad`), and with `absgrad` an attribute of that name. Other keys of
+    gsplat raise `UnsupportedKey`.
     """
 
     def __missing__(self, key: str) -> Any:
@@ -284,7 +285,7 @@ def forward(arguments: Arguments, options: Options, *, taped: bool, views: bool)
         backgrounds = _padded(backgrounds) if options.has_colors else None
     padded = _padded(colors)
     if options.absgrad and padded.shape[-1] > 3 and options.has_colors:
-        raise Unsupported(f"absgrad with {channels} channels is not supported; use 3")
+        raise Unsupported(f"absgrad with {channels} channels is not supported; use at most 3")
 
     def call(cameras: slice, first: int) -> tuple[Any, Part]:
         taken = slice(first, first + 3)
@@ -445,7 +446,7 @@ def rasterization(
         backgrounds: [C, D], colours behind the Gaussians.
         render_mode: colours, accumulated depth D, expected depth ED, or both.
         absgrad: whether a backward pass through tensors also sets `meta["means2d"].absgrad`, the sums
-            over the pixels of the absolute gradients of the splats' centres; for 3 channels.
+            over the pixels of the absolute gradients of the splats' centres; for at most 3 channels.
         rasterize_mode: "antialiased" compensates opacities for eps2d.
         tile_size, channel_chunk, segmented: without influence.
 
