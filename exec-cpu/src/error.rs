@@ -64,6 +64,9 @@ pub enum CpuError {
     /// Changed Gaussians do not replace the uploaded ones.
     #[error(transparent)]
     Change(ChangeError),
+    /// The caller has cancelled the picture.
+    #[error("the picture was cancelled")]
+    Cancelled,
     /// A result that this executor does not compute.
     #[error(transparent)]
     Unsupported(#[from] Unsupported),

@@ -22,7 +22,7 @@ use crate::{
         trace::trace,
     },
 };
-use core::ops::Range;
+use core::{ops::Range, sync::atomic::AtomicBool};
 use specula_core::{
     attributes::GaussianShading,
     camera::{Camera, CameraGrad},
@@ -121,6 +121,13 @@ impl CpuViewer {
 impl<C: CutoffPolicy> CpuExecutor<C> {
     fn with_policy(cutoffs: C) -> Self {
         Self { context: Context::new(), cutoffs, operator: None, encoded: None, report: StepReport::default() }
+    }
+
+    /// Sets the flag that cancels pictures from another thread. While it is true, stages that work
+    /// on pixels fail with [`CpuError::Cancelled`], in progress after their current tiles. Later
+    /// pictures are unaffected.
+    pub fn set_cancel(&mut self, cancel: Option<Arc<AtomicBool>>) {
+        self.context.cancel = cancel;
     }
 
     /// Name of its vector instructions.
@@ -298,7 +305,7 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
     }
 
     fn blend(&mut self, splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Result<Frame, CpuError> {
-        Ok(blend_all(&self.context, splats, colors, tiles, camera, None, self.cutoffs.cutoffs()))
+        self.context.complete(blend_all(&self.context, splats, colors, tiles, camera, None, self.cutoffs.cutoffs()))
     }
 
     fn blend_occluded(
@@ -312,15 +319,23 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
         let pixels = camera.width as usize * camera.height as usize;
         BufferLength::check(pixels, occlusion).map_err(CpuError::BufferLength)?;
         let occlusion = Some(occlusion.as_slice());
-        Ok(blend_all(&self.context, splats, colors, tiles, camera, occlusion, self.cutoffs.cutoffs()))
+        self.context.complete(blend_all(
+            &self.context,
+            splats,
+            colors,
+            tiles,
+            camera,
+            occlusion,
+            self.cutoffs.cutoffs(),
+        ))
     }
 
     fn trace(&mut self, surface: Frame, light: &Light, camera: &Camera) -> Result<Frame, CpuError> {
-        Ok(trace(&self.context, surface, light.near_field.as_deref(), camera))
+        self.context.complete(trace(&self.context, surface, light.near_field.as_deref(), camera))
     }
 
     fn illuminate(&mut self, surface: Frame, light: &Light, camera: &Camera) -> Result<Frame, CpuError> {
-        Ok(illuminate(&self.context, surface, light.lamps.as_deref(), camera))
+        self.context.complete(illuminate(&self.context, surface, light.lamps.as_deref(), camera))
     }
 
     fn shade_pixels(
@@ -330,7 +345,7 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
         camera: &Camera,
         rules: &RenderRules,
     ) -> Result<Frame, CpuError> {
-        Ok(shade_pixels(&self.context, surface, light, camera, rules))
+        self.context.complete(shade_pixels(&self.context, surface, light, camera, rules))
     }
 }
 

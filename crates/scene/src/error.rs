@@ -52,6 +52,9 @@ pub enum SceneError {
     /// Physical materials of a scene without materials were requested.
     #[error("the scene was trained without physical materials")]
     NoMaterials,
+    /// A scene was inserted into one with another shading model, materials or anti-aliasing.
+    #[error("only a scene with the same shading model, materials and anti-aliasing can be inserted")]
+    OtherModel,
     /// A light of a training that the model does not have, by its number from 1.
     #[error("the model has {lights} lights of its training, and no light {number}")]
     NoSuchLight {
@@ -109,7 +112,9 @@ impl SceneError {
     pub const fn is_device_failure(&self) -> bool {
         match self {
             Self::Executor(_) | Self::Immutable => true,
-            Self::Cpu(error) => !matches!(error, CpuError::LightResolution { .. } | CpuError::TooManySplats),
+            Self::Cpu(error) => {
+                !matches!(error, CpuError::LightResolution { .. } | CpuError::TooManySplats | CpuError::Cancelled)
+            }
             #[cfg(feature = "gpu")]
             Self::Gpu(error) => matches!(
                 error,

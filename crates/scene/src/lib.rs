@@ -53,6 +53,7 @@ mod framing;
 pub mod fusion;
 pub mod ground;
 pub mod import;
+mod insert;
 pub mod lamps;
 pub mod layer;
 pub mod light_file;
@@ -86,3 +87,8 @@ pub use scene::Scene;
 pub use shading_model::{Shading, ShadingModel};
 pub use similarity::Similarity;
 pub use specula_mesh::surface::Surface;
+
+/// The example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -93,6 +93,9 @@ fn blend_channels<const C: usize>(
     let (pixels_of, splats_of) = (|slot: usize| slot * tile_len(C), |slot: usize| tiles.start_of_covered(slot));
     let parts = (Pieces::new(&mut blended, &pixels_of), Pieces::new(&mut seen, &splats_of));
     each_part(count, parts, &|slot, (pixels, seen): (Pieces<'_, Quad>, Pieces<'_, u16>)| {
+        if context.skips() {
+            return;
+        }
         let list = tiles.of_covered(slot);
         let (origin, pixels, seen) = (cover.origin(slot), pixels.only(), seen.only());
         let tile = cover.tile_position(slot);

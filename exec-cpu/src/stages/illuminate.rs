@@ -81,6 +81,9 @@ pub(crate) fn illuminate(context: &Context, mut surface: Frame, lamps: Option<&L
     let mut direct = context.take::<Quad>(cover.tiles.len() * QUADS * DIRECT_LEN);
     let tiles = surface.blended.par_chunks(tile_len(channels)).zip(direct.par_chunks_mut(QUADS * DIRECT_LEN));
     tiles.enumerate().for_each(|(slot, (tile, direct))| {
+        if context.skips() {
+            return;
+        }
         dispatch!(context.level, simd => {
             let lifted = camera.lift(Lanes::splat(simd, 0.0));
             illuminate_tile(simd, cover.origin(slot), lamps, &lifted, tile, direct);

@@ -38,6 +38,9 @@ pub(crate) fn shade_pixels(
     let tiles = surface.blended.par_chunks_mut(tile_len(channels)).zip(shaded.par_chunks_mut(QUADS * RGB));
     let reflections = surface.reflections.as_deref();
     tiles.enumerate().for_each(|(slot, (tile, shaded))| {
+        if context.skips() {
+            return;
+        }
         let direct = surface.direct.as_deref().map(|all| of_tile(all, slot, DIRECT_LEN));
         let reflections = reflections.map(|all| of_tile(all, slot, REFLECTION_LEN));
         let far = light.map(|light| Lighting { light, reflections, direct });

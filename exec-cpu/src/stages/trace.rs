@@ -38,6 +38,9 @@ pub(crate) fn trace(
     let mut reflections = context.take::<Quad>(cover.tiles.len() * QUADS * REFLECTION_LEN);
     let tiles = surface.blended.par_chunks(tile_len(channels)).zip(reflections.par_chunks_mut(QUADS * REFLECTION_LEN));
     tiles.enumerate().for_each(|(slot, (tile, reflections))| {
+        if context.skips() {
+            return;
+        }
         dispatch!(context.level, simd => {
             let lifted = camera.lift(Lanes::splat(simd, 0.0));
             trace_tile(simd, cover.origin(slot), near_field, &lifted, tile, reflections);

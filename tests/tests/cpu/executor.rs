@@ -1,6 +1,7 @@
 //! The CPU executor against the independent renderer, and against itself on other threads, beyond
 //! what [`conformance`](super::conformance) asks of every executor.
 
+use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use specula_core::{
     activation::{logit, sigmoid},
     camera::Camera,
@@ -34,6 +35,7 @@ use specula_train::{
     trainer::{HostScene, Settings, TINT_LOGIT_OFF, Trainer},
     view::View,
 };
+use std::sync::Arc;
 
 /// Difference in 8 bits among the field's own renderers.
 const AS_THE_FIELD_RENDERS: f64 = 50.0;
@@ -83,6 +85,29 @@ fn more_splats_in_tiles_than_a_word_counts_are_refused() {
     let splats = exec.project(&cloud, &camera).expect("the CPU projects");
     let refused = exec.bin(&splats, &camera).expect_err("there are 2³² and more");
     assert_eq!(refused, CpuError::TooManySplats);
+}
+
+#[test]
+fn a_cancelled_picture_fails_and_the_next_one_is_unaffected() {
+    let (cloud, camera) = (random_cloud(80, Layout::shaded(Some(1)), 4), camera(70, 45));
+    let cancel = Arc::new(AtomicBool::new(false));
+    let mut exec = CpuExecutor::new();
+    exec.set_cancel(Some(cancel.clone()));
+    for rules in [ShadingRules::PAPER, ShadingRules::DEFERRED].map(|shading| rules(shading, Channels::Color)) {
+        let mut picture = |is_cancelled: bool| {
+            cancel.store(is_cancelled, Relaxed);
+            render(&mut exec, &cloud, None, &camera, &rules).map(|frame| numbers_of(&frame))
+        };
+        let before = picture(false).expect("the CPU renders");
+        assert_eq!(picture(true), Err(CpuError::Cancelled));
+        assert_eq!(picture(false), Ok(before));
+    }
+    // Between two stages, too.
+    let frame = render(&mut exec, &cloud, None, &camera, &rules(ShadingRules::PAPER, Channels::Training));
+    cancel.store(true, Relaxed);
+    let rules = rules(ShadingRules::DEFERRED, Channels::Training);
+    let shaded = exec.shade_pixels(frame.expect("the CPU renders"), None, &camera, &rules);
+    assert_eq!(shaded.err(), Some(CpuError::Cancelled));
 }
 
 /// Channels and transmittance of a frame, plane by plane.
