@@ -1,11 +1,13 @@
 //! The groups of `stages.rs` on a GPU, if there is one; on a software driver with a smaller scene.
 
+mod own;
+
 use criterion::{Criterion, criterion_group, criterion_main};
+use own::{scene, work::work_of};
 use specula_benches::{
     groups::Groups,
-    scene::{Scene, View},
+    scene::View,
     stages::{Amounts, Meter, Stage, measure_picture, measure_step},
-    work::work_of,
 };
 use specula_core::pack::Storage;
 use specula_cpu::CpuExecutor;
@@ -43,8 +45,8 @@ fn stages_of(
 ) -> Result<(), GpuError> {
     let Extent { size, count, samples } = *extent;
     let mut cpu = CpuExecutor::new();
-    let same = Scene::new(&mut cpu, profile, size, count).expect("the CPU takes every scene");
-    let mut scene = Scene::new(exec, profile, size, count)?;
+    let same = scene(&mut cpu, profile, size, count).expect("the CPU takes every scene");
+    let mut scene = scene(exec, profile, size, count)?;
     let amounts = Amounts {
         gaussians: count,
         layout: scene.state.gaussians.layout,

@@ -1,14 +1,18 @@
 //! One group for each stage, on the torus at 800 × 800; throughput in the stage's own unit of
 //! work. What there is to do is printed first: it does not depend on the machine.
 
+mod own;
+
 use criterion::{Criterion, criterion_group, criterion_main};
+use own::{
+    trained::Trained,
+    work::{self, work_of},
+};
 use specula_benches::{
     environment,
     groups::Groups,
     scene::{LIGHT, Scene, View},
-    stages::{Amounts, Meter, Stage, measure_picture, measure_step},
-    trained::Trained,
-    work::{self, Work, work_of},
+    stages::{Amounts, Meter, Stage, Work, measure_picture, measure_step},
 };
 use specula_core::{
     executor::Renderer,
@@ -50,7 +54,7 @@ fn groups<'a>(
 }
 
 fn scene(exec: &mut CpuExecutor, profile: &str, size: u32, count: usize) -> Scene<CpuExecutor> {
-    Scene::new(exec, profile, size, count).expect("the CPU takes every scene")
+    own::scene(exec, profile, size, count).expect("the CPU takes every scene")
 }
 
 fn stages(criterion: &mut Criterion) {

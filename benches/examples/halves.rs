@@ -2,8 +2,12 @@
 //! kind of number separately, among them means and scales, which it keeps in full. Measured on the
 //! torus, and on the model folders given as arguments.
 
+#[path = "../benches/own/mod.rs"]
+mod own;
+
 use core::ops::Range;
-use specula_benches::{camera, environment, scene::LIGHT, torus, trained::Trained};
+use own::trained::Trained;
+use specula_benches::{camera, environment, scene::LIGHT, torus};
 use specula_core::{
     camera::Camera,
     executor::Renderer,
@@ -30,7 +34,7 @@ fn main() {
     for name in ["3dgs", "paper", "specula"] {
         let profile = by_name(name, 30_000).expect("a profile of that name");
         let light = profile.light.map(|_| environment(LIGHT));
-        let subject = Subject { cloud: torus(GAUSSIANS, &profile), profile, cameras: vec![camera(SIZE)] };
+        let subject = Subject { cloud: torus(GAUSSIANS, profile.layout), profile, cameras: vec![camera(SIZE)] };
         subject.measure(&format!("torus, {name}"), light.as_ref());
     }
     for folder in std::env::args().skip(1) {

@@ -1,73 +1,114 @@
-//! A generated scene for the benches: Gaussians on a torus, the same on every machine; what there
-//! is to do in it, and what measures it on any executor.
+//! Scenes and meters for benches of executors.
+//!
+//! [`torus`] makes Gaussians that are the same on every machine, [`scene`] puts them under a sky on
+//! any executor, and [`stages`] runs each stage of a picture or of a training step under a
+//! [`Meter`](stages::Meter). [`Groups`](groups::Groups) is a meter of criterion; one's own takes a
+//! few lines:
+//!
+//! ```
+//! use specula_benches::{scene::{Scene, View}, stages::{Meter, Stage, measure_picture}};
+//! use specula_core::{
+//!     executor::Renderer, loss::LossWeights, prefilter::PrefilterScheme, rules::{Channels, RenderRules},
+//!     scene::Layout, shade::ShadingRules,
+//! };
+//! use specula_cpu::CpuExecutor;
+//!
+//! struct Once(Vec<(Stage, std::time::Duration)>);
+//!
+//! impl<E: Renderer> Meter<E> for Once {
+//!     fn measure<I, O>(
+//!         &mut self,
+//!         exec: &mut E,
+//!         stage: Stage,
+//!         mut prepare: impl FnMut(&mut E) -> Result<I, E::Error>,
+//!         mut run: impl FnMut(&mut E, I) -> Result<O, E::Error>,
+//!     ) -> Result<(), E::Error> {
+//!         let input = prepare(exec)?;
+//!         let start = std::time::Instant::now();
+//!         run(exec, input)?;
+//!         Ok(self.0.push((stage, start.elapsed())))
+//!     }
+//! }
+//!
+//! let mut exec = CpuExecutor::new();
+//! let layout = Layout::shaded(None);
+//! let rules = RenderRules::full(ShadingRules::DEFERRED, PrefilterScheme::Exact, Channels::Color);
+//! let scene = Scene::new(&mut exec, layout, &rules, &LossWeights::NONE, 64, 500)?;
+//! let light = scene.filtered(&mut exec)?;
+//! let view = View { cloud: &scene.state.gaussians, light: light.as_ref(), camera: &scene.camera, rules: &rules };
+//! let mut times = Once(Vec::new());
+//! measure_picture(&mut exec, &view, &mut times)?;
+//! assert_eq!(times.0.len(), 6, "project, shade, bin, blend, shade_pixels, and the whole frame");
+//! # Ok::<(), specula_cpu::CpuError>(())
+//! ```
 
 pub mod groups;
 pub mod scene;
 pub mod stages;
-pub mod trained;
-pub mod work;
 
 use core::f32::consts::TAU;
 use specula_core::{
     activation::logit,
     camera::Camera,
-    near_field::NearField,
+    morton::Bounds,
     random::uniform,
-    scene::{Environment, Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT, RadianceActivation},
-};
-use specula_cpu::morton::sort_in_space;
-use specula_mesh::{Mesh, near_field::SurfaceMeans};
-use specula_train::{
-    profile::Profile,
-    start::{Point, gaussians},
+    scene::{
+        ALBEDO, AMBIENT, DIFFUSE, Environment, Gaussians, LOG_SCALE, Layout, MEAN, METALNESS, OPACITY, QUAT, ROUGHNESS,
+        RadianceActivation, TINT, len_of_values,
+    },
+    sh,
+    vector::vec3,
 };
 
 const SEED: u64 = 7;
 const RADIUS: [f32; 2] = [1.0, 0.4];
 
 /// Flattened Gaussians on a torus, their shortest axes along its normal, opacities uniform in
-/// 0.3–0.98; in the order that a training keeps them in.
-pub fn torus(count: usize, profile: &Profile) -> Gaussians<Vec<f32>> {
-    let points: Vec<Point> =
-        (0..count).map(|k| Point { position: point_on_torus(k).0, color: [0.6, 0.4, 0.3] }).collect();
-    let mut cloud = gaussians(&points, profile, SEED);
+/// 0.3–0.98; of one colour, rough, in Morton order.
+pub fn torus(count: usize, layout: Layout) -> Gaussians<Vec<f32>> {
+    let mut cloud = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
+    let points: Vec<_> = (0..count as u64).map(point_on_torus).collect();
+    let bounds = points.iter().fold(Bounds::NOTHING, |bounds, (position, _)| bounds.with(*position));
+    let mut order: Vec<usize> = (0..count).collect();
+    order.sort_by_key(|index| bounds.code(points[*index].0));
     let spacing = (TAU * TAU * RADIUS[0] * RADIUS[1] / count as f32).sqrt();
-    for index in 0..count {
-        let (position, normal) = point_on_torus(index);
+    for (index, number) in order.into_iter().enumerate() {
+        let (position, normal) = points[number];
         let turn = glam::Quat::from_rotation_arc(glam::Vec3::Z, glam::Vec3::from(normal));
         cloud.set(index, MEAN, position);
         cloud.set(index, LOG_SCALE, [spacing.ln(), (0.7 * spacing).ln(), (0.1 * spacing).ln()]);
         cloud.set(index, QUAT, [turn.w, turn.x, turn.y, turn.z]);
-        cloud.set(index, OPACITY, [logit(0.3 + 0.68 * uniform(SEED, 2, index as u64))]);
+        cloud.set(index, OPACITY, [logit(0.3 + 0.68 * uniform(SEED, 2, number as u64))]);
+        set_material(&mut cloud, index);
     }
-    sort_in_space(&mut cloud);
     cloud
 }
 
-/// Surface of the torus as rays hit it: a mesh of 2 · 512 · 128 triangles.
-pub fn near_field() -> NearField<Vec<f32>> {
-    const AROUND: u32 = 512;
-    const ACROSS: u32 = 128;
-    let mut mesh = Mesh::default();
-    for (k, l) in (0..AROUND).flat_map(|k| (0..ACROSS).map(move |l| (k, l))) {
-        let [around, across] = [k as f32 / AROUND as f32, l as f32 / ACROSS as f32].map(|share| TAU * share);
-        let (position, normal) = at_angles(around, across);
-        mesh.positions.push(position);
-        mesh.normals.push(normal);
-        mesh.colors.push([0.6, 0.4, 0.3]);
-        let at = |k: u32, l: u32| k % AROUND * ACROSS + l % ACROSS;
-        let [a, b, c, d] = [at(k, l), at(k + 1, l), at(k + 1, l + 1), at(k, l + 1)];
-        mesh.triangles.extend([[a, b, c], [a, c, d]]);
+/// Brown and rough: attributes as a training starts with.
+fn set_material(cloud: &mut Gaussians<Vec<f32>>, index: usize) {
+    const ALBEDO_SHARE: [f32; 3] = [0.26, 0.11, 0.06];
+    const TINT_SHARE: f32 = 0.15;
+    if cloud.layout.is_shaded() {
+        cloud.set(index, DIFFUSE, ALBEDO_SHARE.map(logit));
+        cloud.set(index, TINT, [logit(TINT_SHARE); 3]);
+        cloud.set(index, ROUGHNESS, [0.0]);
+    } else {
+        let first = sh::basis(vec3(0.0_f32, 0.0, 1.0), 0)[0];
+        cloud.set(index, cloud.layout.sh_start(), [0.6, 0.4, 0.3].map(|color: f32| (color - 0.5) / first));
     }
-    SurfaceMeans::new(mesh, 0.01).near_field().expect("there are triangles")
+    if let Some(first) = cloud.layout.physical_planes() {
+        cloud.set(index, first + ALBEDO, ALBEDO_SHARE.map(logit));
+        cloud.set(index, first + METALNESS, [logit(TINT_SHARE)]);
+        cloud.set(index, first + AMBIENT, [1.0; 3]);
+    }
 }
 
-fn point_on_torus(index: usize) -> ([f32; 3], [f32; 3]) {
-    at_angles(TAU * uniform(SEED, 0, index as u64), TAU * uniform(SEED, 1, index as u64))
+fn point_on_torus(number: u64) -> ([f32; 3], [f32; 3]) {
+    at_angles(TAU * uniform(SEED, 0, number), TAU * uniform(SEED, 1, number))
 }
 
-/// Position and normal at angles around the axis and across the tube.
-fn at_angles(around: f32, across: f32) -> ([f32; 3], [f32; 3]) {
+/// Position and normal of the torus at angles around the axis and across the tube.
+pub fn at_angles(around: f32, across: f32) -> ([f32; 3], [f32; 3]) {
     let normal = [across.cos() * around.cos(), across.cos() * around.sin(), across.sin()];
     let centre = [RADIUS[0] * around.cos(), RADIUS[0] * around.sin(), 0.0];
     (core::array::from_fn(|k| centre[k] + RADIUS[1] * normal[k]), normal)

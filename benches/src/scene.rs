@@ -1,16 +1,17 @@
 //! The torus under its sky on any executor: for training and for rendering.
 
-use crate::{camera, environment, near_field, torus};
+use crate::{camera, environment, torus};
 use specula_core::{
     camera::Camera,
     executor::{Executor, Renderer, TrainingStep},
+    loss::LossWeights,
+    near_field::NearField,
     pipeline::train_step,
     prefilter::LevelRange,
-    rules::{Channels, RenderRules},
-    scene::{Environment, Gaussians},
+    rules::RenderRules,
+    scene::{Environment, Gaussians, Layout},
     state::{AdamMoments, SceneState, Statistics},
 };
-use specula_train::profile::{Profile, by_name};
 
 /// Texels along an edge of the sky's faces.
 pub const LIGHT: usize = 64;
@@ -18,14 +19,16 @@ pub const LIGHT: usize = 64;
 /// Scene with everything that a training needs.
 #[derive(Debug)]
 pub struct Scene<E: Executor> {
-    /// Training settings.
-    pub profile: Profile,
     /// Rendering rules.
     pub rules: RenderRules,
+    /// Weights of the losses.
+    pub weights: LossWeights,
     /// Camera of the picture.
     pub camera: Camera,
-    /// The Gaussians and the sky, where the profile has light, with their moments.
+    /// The Gaussians, and the sky if they are shaded, with their moments.
     pub state: SceneState<E::Array>,
+    /// Surface for the stage that traces rays, which is not measured without one.
+    pub near_field: Option<NearField<Vec<f32>>>,
     /// Grey, to be compared with.
     pub target: E::Target,
     /// Learning rates, all zero.
@@ -51,14 +54,20 @@ impl<E: Executor> Scene<E> {
     /// # Errors
     ///
     /// Any error of the executor.
-    pub fn new(exec: &mut E, profile: &str, size: u32, count: usize) -> Result<Self, E::Error> {
-        let profile = by_name(profile, 7000).expect("a profile of that name");
-        let channels = if profile.layout.is_shaded() { Channels::Training } else { Channels::Color };
-        let cloud = torus(count, &profile);
-        let light = profile.light.map(|_| upload_sky(exec));
+    pub fn new(
+        exec: &mut E,
+        layout: Layout,
+        rules: &RenderRules,
+        weights: &LossWeights,
+        size: u32,
+        count: usize,
+    ) -> Result<Self, E::Error> {
+        let cloud = torus(count, layout);
+        let light = layout.is_shaded().then(|| upload_sky(exec));
         let grey = vec![128; (size * size * 4) as usize];
         Ok(Self {
-            rules: RenderRules::full(profile.shading, profile.scheme, channels),
+            rules: *rules,
+            weights: *weights,
             camera: camera(size),
             state: SceneState {
                 moments: AdamMoments { mean: zeros_of(exec, &cloud)?, square: zeros_of(exec, &cloud)? },
@@ -66,9 +75,9 @@ impl<E: Executor> Scene<E> {
                 statistics: Statistics { grad_sum: zeros(exec, count)?, view_count: zeros(exec, count)? },
                 gaussians: exec.upload_gaussians(&cloud)?,
             },
+            near_field: None,
             target: exec.target(size as usize, size as usize, &grey)?,
-            rates: vec![0.0; cloud.layout.plane_count()],
-            profile,
+            rates: vec![0.0; layout.plane_count()],
         })
     }
 
@@ -79,16 +88,16 @@ impl<E: Executor> Scene<E> {
     /// Any error of the executor.
     pub fn filtered(&self, exec: &mut E) -> Result<Option<E::Light>, E::Error> {
         let light = self.state.light.as_ref();
-        light.map(|(light, _)| exec.prefilter(light, self.profile.scheme, LevelRange::ALL)).transpose()
+        light.map(|(light, _)| exec.prefilter(light, self.rules.scheme, LevelRange::ALL)).transpose()
     }
 
-    /// The sky, filtered, around the surface of the torus.
+    /// The sky, filtered, around the near field; `None` without either.
     ///
     /// # Errors
     ///
     /// Any error of the executor.
     pub fn surrounded(&self, exec: &mut E) -> Result<Option<E::Light>, E::Error> {
-        let near_field = near_field();
+        let Some(near_field) = &self.near_field else { return Ok(None) };
         let near_field = exec.upload_near_field(&near_field.with_values(near_field.values.as_slice()))?;
         self.filtered(exec)?.map(|light| exec.surround(light, &near_field)).transpose()
     }
@@ -106,7 +115,7 @@ impl<E: Executor> Scene<E> {
             exposure: None,
             near_field: None,
             rules: &self.rules,
-            weights: &self.profile.weights,
+            weights: &self.weights,
             is_observed: true,
             rates: &self.rates,
             environment_rate: 0.0,

@@ -1,10 +1,7 @@
 //! The stages of a picture and of a step of training, one by one, on any executor.
 
-use crate::{
-    scene::{LIGHT, Scene, View},
-    work::Work,
-};
-use core::cell::RefCell;
+use crate::scene::{LIGHT, Scene, View};
+use core::{cell::RefCell, fmt};
 use specula_core::{
     cubemap::FACE_COUNT,
     executor::{Executor, Renderer},
@@ -57,6 +54,25 @@ impl Stage {
             Self::Optimise => "optimise",
             Self::TrainStep => "train_step",
         }
+    }
+}
+
+/// Amount of blending in a picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Splats in tiles.
+    pub intersections: usize,
+    /// Pixels of quads that a splat may touch, for all splats before their tile has ended: what
+    /// kernels evaluate.
+    pub processed: usize,
+    /// Pixels that a splat is seen in.
+    pub significant: usize,
+}
+
+impl fmt::Display for Work {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { intersections, processed, significant } = self;
+        write!(out, "{intersections} splats in tiles, {processed} pairs of pixel and splat, {significant} seen")
     }
 }
 
@@ -206,9 +222,9 @@ pub fn measure_step<E: Executor>(
     let light = scene.filtered(exec)?;
     let light = light.as_ref();
     let around = scene.surrounded(exec)?;
-    let Scene { profile, rules, camera, state, target, rates } = scene;
+    let Scene { rules, weights, camera, state, target, rates, .. } = scene;
     let SceneState { gaussians: cloud, moments, light: sky, .. } = state;
-    let (camera, rules, weights) = (&*camera, &*rules, &profile.weights);
+    let (camera, rules, weights) = (&*camera, &*rules, &*weights);
     let mut splats = exec.project(cloud, camera)?;
     let colors = exec.shade(cloud, camera, &mut splats, light, rules)?;
     let tiles = exec.bin(&splats, camera)?;
@@ -247,7 +263,7 @@ pub fn measure_step<E: Executor>(
 
     light_grad = light_grad.or(back(exec)?.1);
     if let (Some((environment, _)), Some(light), Some(grad)) = (sky, light, &light_grad) {
-        let (scheme, levels) = (profile.scheme, LevelRange::ALL);
+        let (scheme, levels) = (rules.scheme, LevelRange::ALL);
         meter.measure(exec, Stage::Prefilter, nothing, |exec, ()| exec.prefilter(environment, scheme, levels))?;
         meter.measure(exec, Stage::PrefilterVjp, nothing, |exec, ()| exec.prefilter_vjp(environment, light, grad))?;
     }

@@ -12,6 +12,8 @@ mod fit;
 mod mutants;
 #[path = "../prefilter.rs"]
 mod prefilter;
+#[path = "../race.rs"]
+mod race;
 #[path = "../render.rs"]
 mod render;
 #[path = "../shade.rs"]

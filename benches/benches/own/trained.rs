@@ -15,20 +15,20 @@ use std::path::Path;
 /// Contents of a model folder. Attributes are used as stored, which is accurate enough for
 /// measurements.
 #[derive(Debug)]
-pub struct Trained {
+pub(crate) struct Trained {
     /// The Gaussians, in the order that a training keeps them in.
-    pub cloud: Gaussians<Vec<f32>>,
+    pub(crate) cloud: Gaussians<Vec<f32>>,
     /// Their light.
-    pub light: Option<Environment<Vec<f32>>>,
+    pub(crate) light: Option<Environment<Vec<f32>>>,
     /// Profile of the training.
-    pub profile: Profile,
+    pub(crate) profile: Profile,
     /// All cameras.
-    pub cameras: Vec<Camera>,
+    pub(crate) cameras: Vec<Camera>,
 }
 
 impl Trained {
     /// Opens a folder.
-    pub fn open(folder: &Path) -> Self {
+    pub(crate) fn open(folder: &Path) -> Self {
         let Model { gaussians: mut cloud, light, info, .. } = model_folder::open(folder).expect("a model's folder");
         let cameras = cameras::read(&folder.join("cameras.json")).expect("a model has its cameras");
         sort_in_space(&mut cloud);

@@ -2,7 +2,7 @@
 //! the machine, and the loop that makes them is the scalar path that the executors are compared
 //! with.
 
-use core::fmt;
+use specula_benches::stages::Work;
 use specula_core::{
     bin::TILE_SIZE,
     blend::{Composite, PixelState, alpha, falloff, is_active, may_overlap, step},
@@ -24,34 +24,15 @@ const TILE: usize = TILE_SIZE as usize;
 /// Pixels along an edge of a quad, the least that the CPU's kernels work on.
 const QUAD: usize = 4;
 
-/// Amount of blending in a picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Work {
-    /// Splats in tiles.
-    pub intersections: usize,
-    /// Pixels of quads that a splat may touch, for all splats before their tile has ended: what
-    /// kernels evaluate.
-    pub processed: usize,
-    /// Pixels that a splat is seen in.
-    pub significant: usize,
-}
-
-impl fmt::Display for Work {
-    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { intersections, processed, significant } = self;
-        write!(out, "{intersections} splats in tiles, {processed} pairs of pixel and splat, {significant} seen")
-    }
-}
-
 /// Counts the work of blending a picture of this cloud.
-pub fn work_of(exec: &mut CpuExecutor, cloud: &Gaussians<Vec<f32>>, camera: &Camera) -> Work {
+pub(crate) fn work_of(exec: &mut CpuExecutor, cloud: &Gaussians<Vec<f32>>, camera: &Camera) -> Work {
     let splats = exec.project(cloud, camera).expect("the CPU projects");
     let tiles = exec.bin(&splats, camera).expect("the CPU bins");
     count(&splats, &tiles)
 }
 
 /// Counts the pairs of pixels and splats.
-pub fn count(splats: &Splats, tiles: &Tiles) -> Work {
+pub(crate) fn count(splats: &Splats, tiles: &Tiles) -> Work {
     let [columns, rows] = tiles.grid();
     let mut work = Work { intersections: tiles.intersection_count(), ..Work::default() };
     for tile in 0..columns * rows {
@@ -105,7 +86,7 @@ fn count_quad(
 
 /// The straightforward loop: every pixel of a tile walks through the tile's splats until it ends.
 /// Channels, then the transmittance, plane by plane.
-pub fn blend_plainly(splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Vec<f32> {
+pub(crate) fn blend_plainly(splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &Camera) -> Vec<f32> {
     let [width, height] = [camera.width as usize, camera.height as usize];
     let channels = colors.channels;
     let mut values = vec![0.0; (channels + 1) * width * height];
@@ -134,36 +115,4 @@ pub fn blend_plainly(splats: &Splats, colors: &Colors, tiles: &Tiles, camera: &C
         }
     }
     values
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{blend_plainly, count};
-    use crate::{camera, torus};
-    use specula_core::{executor::Renderer, rules::RenderRules};
-    use specula_cpu::CpuExecutor;
-    use specula_train::profile::by_name;
-
-    /// Kernels and loop differ only by rounding: α of the same formula, summed in the same order.
-    const ROUNDING: f32 = 2e-5;
-
-    #[test]
-    fn the_loop_and_the_kernels_give_the_same_picture() {
-        let profile = by_name("3dgs", 100).expect("a profile of that name");
-        let (cloud, camera) = (torus(2000, &profile), camera(90));
-        let channels = specula_core::rules::Channels::Color;
-        let rules = RenderRules::full(profile.shading, profile.scheme, channels);
-        let mut exec = CpuExecutor::new();
-        let mut splats = exec.project(&cloud, &camera).expect("the CPU projects");
-        let colors = exec.shade(&cloud, &camera, &mut splats, None, &rules).expect("the CPU shades");
-        let tiles = exec.bin(&splats, &camera).expect("the CPU bins");
-        let frame = exec.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
-        let plain = blend_plainly(&splats, &colors, &tiles, &camera);
-        let mut ours = vec![0.0; plain.len()];
-        frame.read(&mut ours);
-        let largest = ours.iter().zip(&plain).fold(0.0_f32, |max, (a, b)| max.max((a - b).abs()));
-        assert!(largest < ROUNDING, "pictures differ by {largest}");
-        let work = count(&splats, &tiles);
-        assert!(work.significant <= work.processed && work.significant > work.intersections, "counts: {work:?}");
-    }
 }

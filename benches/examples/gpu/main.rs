@@ -6,11 +6,12 @@
 //! benchmark of a packed folder; with `step`, only the seconds of steps.
 
 mod measure;
+#[path = "../../benches/own/mod.rs"]
+mod own;
 mod travel;
 
 use core::error::Error;
 use measure::{Case, MEBIBYTE, PATIENCE, Reference, StageTime, measure_pictures, measure_steps, median};
-use specula_benches::scene::Scene;
 use specula_core::pack::Storage;
 use specula_gpu::{Ceilings, Gpu, GpuError, GpuExecutor, KernelSet};
 use std::{process::ExitCode, time::Instant};
@@ -70,7 +71,7 @@ fn print_step(profile: &str, size: u32, count: usize, kernels: &[&str]) -> Resul
         ["software"] => exec.set_kernels(KernelSet::Software),
         _ => return Err("kernels are hardware or software".into()),
     }
-    let mut scene = Scene::new(exec, profile, size, count)?;
+    let mut scene = own::scene(exec, profile, size, count)?;
     let seconds = median(|| {
         scene.train(exec)?;
         exec.finish()

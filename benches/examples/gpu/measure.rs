@@ -1,10 +1,10 @@
 //! Times of one case: pictures, steps and their stages, beside the CPU's.
 
+use crate::own::{scene, work::work_of};
 use core::{fmt, time::Duration};
 use specula_benches::{
     scene::{Scene, View},
     stages::{Amounts, Meter, Stage, measure_picture, measure_step},
-    work::work_of,
 };
 use specula_core::{
     executor::Renderer,
@@ -70,7 +70,7 @@ pub(crate) fn measure_steps(
     like: &Reference,
 ) -> Result<(f64, u64, Vec<StageTime>), GpuError> {
     let Case(profile, size, count) = *case;
-    let mut scene = Scene::new(exec, profile, size, count)?;
+    let mut scene = scene(exec, profile, size, count)?;
     let seconds = median(|| {
         scene.train(exec)?;
         exec.finish()
@@ -97,7 +97,7 @@ impl Reference {
     pub(crate) fn new(case: &Case) -> Self {
         let Case(profile, size, count) = *case;
         let mut cpu = CpuExecutor::new();
-        let mut scene = Scene::new(&mut cpu, profile, size, count).expect("the CPU takes every scene");
+        let mut scene = scene(&mut cpu, profile, size, count).expect("the CPU takes every scene");
         let step = median(|| scene.train(&mut cpu)).expect("the CPU trains");
         let light = scene.filtered(&mut cpu).expect("64 is a power of two");
         let Scene { rules, camera, state: SceneState { gaussians: cloud, .. }, .. } = &scene;
@@ -146,7 +146,7 @@ impl<'a> Stand<'a> {
     }
 
     fn filtered(&self, viewer: &mut GpuExecutor<Storage>) -> Result<Option<Light>, GpuError> {
-        let scheme = self.like.profile.scheme;
+        let scheme = self.like.rules.scheme;
         self.sky.as_ref().map(|sky| viewer.prefilter(sky, scheme, LevelRange::ALL)).transpose()
     }
 
