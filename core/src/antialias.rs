@@ -130,6 +130,7 @@ impl<R: Real> SamplingInterval<R> {
         Self { seen: like.constant(f32::MAX), turned: like.constant(f32::MAX) }
     }
     /// Smaller intervals of two sets of views.
+    #[must_use]
     #[inline(always)]
     pub fn min(self, other: Self) -> Self {
         Self { seen: other.seen.min(self.seen), turned: other.turned.min(self.turned) }

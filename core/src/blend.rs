@@ -255,6 +255,7 @@ impl<R: Real> OffsetMoments<R> {
         Self { first: [zero; 2], second: [zero; 3], sum: zero }
     }
     /// Adds one more pixel.
+    #[must_use]
     #[inline(always)]
     pub fn with(self, h: R, [u, w]: [R; 2]) -> Self {
         let (hu, hw) = (h * u, h * w);

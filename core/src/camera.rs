@@ -200,6 +200,7 @@ impl Camera {
 
     /// The same view at another size; focal lengths and principal point scale along. A scissor,
     /// which belongs to the size, is removed here and in all that change the size.
+    #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let scale = [width as f32 / self.width as f32, height as f32 / self.height as f32];
         Self {
@@ -214,6 +215,7 @@ impl Camera {
 
     /// The same view with pictures of at most `edge_max` pixels along their longer edge, the other
     /// rounded up.
+    #[must_use]
     pub fn limited(&self, edge_max: u32) -> Self {
         let longest = self.width.max(self.height);
         if longest <= edge_max {
@@ -226,6 +228,7 @@ impl Camera {
     /// The view in a frame of another aspect ratio, without distortion: the whole picture at the
     /// largest scale that fits, and more of the scene if the frame is wider or taller. If aspect
     /// ratios agree up to the rounding of a pixel, [`Camera::resized`].
+    #[must_use]
     pub fn framed(&self, width: u32, height: u32) -> Self {
         let (old, new) = ([self.width, self.height].map(|n| n as f32), [width, height].map(|n| n as f32));
         let scale = [new[0] / old[0], new[1] / old[1]];
@@ -376,6 +379,7 @@ pub struct CameraOf<R> {
 impl<R: Real> CameraOf<R> {
     /// The same camera for a projection model: only the affine one limits the slopes of its
     /// Jacobian.
+    #[must_use]
     #[inline(always)]
     pub fn for_projection(self, projection: ProjectionModel) -> Self {
         let free = self.slope_limit[0].constant(f32::MAX);
@@ -428,6 +432,7 @@ impl<R: Real> CameraGrad<R> {
         [x, y, z, self.position]
     }
     /// The same where the mask holds, zero elsewhere.
+    #[must_use]
     #[inline(always)]
     pub fn keep(self, mask: R::Mask) -> Self {
         Self::from_rows(self.rows().map(|row| each!(row, n => n.keep(mask))))

@@ -186,6 +186,7 @@ pub fn footprint<R: Real>(point: &FacePoint<R>, resolution: R) -> TexelFootprint
 /// Colour that is interpolated, in whatever form an executor reads it from memory; `R` is a weight.
 pub trait TexelColor<R>: Copy + Sub<Output = Self> {
     /// self + factor · other.
+    #[must_use]
     fn add_scaled(self, factor: R, other: Self) -> Self;
 }
 

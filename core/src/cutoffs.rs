@@ -102,26 +102,31 @@ impl Cutoffs {
     };
 
     /// Sets the smallest drawn alpha, in (0, 1); smaller values count as 10⁻¹².
+    #[must_use]
     pub fn with_alpha_min(self, alpha_min: f32) -> Self {
         let alpha_min = alpha_min.max(THRESHOLD_MIN);
         let log2_alpha_min = if alpha_min == ALPHA_MIN { LOG2_ALPHA_MIN } else { Real::log2(alpha_min) };
         Self { alpha_min, log2_alpha_min, ..self }
     }
     /// Sets the transmittance at which pixels end, in \[0, 1); smaller values count as 10⁻¹².
+    #[must_use]
     pub fn with_transmittance_min(self, transmittance_min: f32) -> Self {
         Self { transmittance_min: transmittance_min.max(THRESHOLD_MIN), ..self }
     }
     /// Sets the largest reach of splats into tiles, in standard deviations; infinity disables the
     /// cutoff. Within a tile, splats are drawn to the extent of their alpha, so cutoffs are visible
     /// at tile borders.
+    #[must_use]
     pub fn with_reach_max(self, reach_max: f32) -> Self {
         Self { reach_max, ..self }
     }
     /// Sets the projection model.
+    #[must_use]
     pub fn with_projection(self, projection: ProjectionModel) -> Self {
         Self { projection, ..self }
     }
     /// Sets the order of splats in a pixel.
+    #[must_use]
     pub fn with_order(self, order: BlendOrder) -> Self {
         Self { order, ..self }
     }

@@ -332,6 +332,7 @@ impl<R: Real> DirectLight<R> {
         Self { irradiance, specular: Vec3::zero(irradiance.x) }
     }
     /// Sum of both lights.
+    #[must_use]
     #[inline(always)]
     pub fn and(self, other: Self) -> Self {
         Self { irradiance: self.irradiance + other.irradiance, specular: self.specular + other.specular }

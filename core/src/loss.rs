@@ -375,12 +375,14 @@ impl LossWeights {
 
     /// Removes the loss that does not apply to this form: the smoothness of normals for physical
     /// materials, because it is derived from view-dependent colours.
+    #[must_use]
     pub fn of_form(self, form: ShadingForm) -> Self {
         Self { smoothness: if form == ShadingForm::Physical { 0.0 } else { self.smoothness }, ..self }
     }
 
     /// Removes losses without input: the coverage loss unless the true picture has an alpha
     /// channel, the losses of the geometry unless it was blended.
+    #[must_use]
     pub fn where_possible(self, has_alpha: bool, has_geometry: bool) -> Self {
         let keep = |weight: f32, is_possible: bool| if is_possible { weight } else { 0.0 };
         Self {
@@ -415,6 +417,7 @@ pub struct LossReport {
 
 impl LossReport {
     /// Sets the total to the weighted sum of the losses.
+    #[must_use]
     pub fn with_total(self, weights: &LossWeights) -> Self {
         let total = f64::from(weights.absolute) * self.absolute
             + f64::from(weights.squared) * self.squared

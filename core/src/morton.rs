@@ -24,6 +24,7 @@ impl Bounds {
     pub const NOTHING: Self = Self { low: [f32::INFINITY; 3], high: [f32::NEG_INFINITY; 3] };
 
     /// The box extended to `point`; coordinates that are not finite are ignored.
+    #[must_use]
     pub fn with(mut self, point: [f32; 3]) -> Self {
         for axis in 0..3 {
             if point[axis].is_finite() {

@@ -688,6 +688,7 @@ impl<R: Real> Reflection<R> {
     }
 
     /// This reflection where the mask holds, the other elsewhere.
+    #[must_use]
     #[inline(always)]
     pub fn or(&self, other: &Self, mask: R::Mask) -> Self {
         let (mut either, other) = (self.to_array(), other.to_array());

@@ -72,6 +72,17 @@ impl Schedule {
         Self { first: rate, last: rate, steps: 1 }
     }
 
+    /// Schedule with the same rate at step `from` and the last rate from step `to` on.
+    #[must_use]
+    pub fn ending_at(self, from: u32, to: u32) -> Self {
+        if self.first == self.last || self.first <= 0.0 || self.last <= 0.0 || from >= to {
+            return self;
+        }
+        let u = f64::from(from) / f64::from(to);
+        let [now, last] = [self.at(from), self.last].map(|rate| math::ln64(f64::from(rate)));
+        Self { first: math::exp64((now - u * last) / (1.0 - u)) as f32, steps: to, ..self }
+    }
+
     /// The rate at a step: first^(1−u) · last^u, u = step / steps.
     pub fn at(&self, step: u32) -> f32 {
         if self.first == self.last || self.first <= 0.0 || self.last <= 0.0 {

@@ -65,11 +65,13 @@ impl Needs {
     }
 
     /// These needs and those of some Gaussians, such as changed ones.
+    #[must_use]
     pub fn with<A: AsRef<[f32]>>(self, gaussians: &Gaussians<A>, range: Range<usize>) -> Self {
         range.fold(self, |needs, index| needs.and(gaussians, index))
     }
 
     /// Needs of the same Gaussians under any of some lights.
+    #[must_use]
     pub fn under<'a, A: AsRef<[f32]> + 'a>(self, lights: impl IntoIterator<Item = &'a Environment<A>>) -> Self {
         let radiance = lights.into_iter().fold(0.0, |max, light| {
             light.values.as_ref().iter().fold(max, |max, x| larger(max, radiance_bound(light.activation, *x)))

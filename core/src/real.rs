@@ -28,27 +28,37 @@ pub trait Real:
     type Mask: Copy + Debug + BitAnd<Output = Self::Mask> + BitOr<Output = Self::Mask> + Not<Output = Self::Mask>;
 
     /// `value` as a number of the same type as `self`, which is otherwise ignored.
+    #[must_use]
     fn constant(self, value: f32) -> Self;
     /// self · factor + addend; fused if the machine supports it without cost.
+    #[must_use]
     fn mul_add(self, factor: Self, addend: Self) -> Self;
     /// Square root.
+    #[must_use]
     fn sqrt(self) -> Self;
     /// 2 to the power `self`; below −126 the result is that of −126, above 127 that of 127.
+    #[must_use]
     fn exp2(self) -> Self;
     /// 2^x for |x| ≤ [`EXP2_SMALL`]; unspecified for larger arguments.
+    #[must_use]
     #[inline(always)]
     fn exp2_of_small(self) -> Self {
         self.exp2()
     }
     /// Logarithm to base two, for positive normal numbers.
+    #[must_use]
     fn log2(self) -> Self;
     /// Largest whole number not above `self`.
+    #[must_use]
     fn floor(self) -> Self;
     /// Absolute value.
+    #[must_use]
     fn abs(self) -> Self;
     /// The smaller of the two.
+    #[must_use]
     fn min(self, other: Self) -> Self;
     /// The larger of the two.
+    #[must_use]
     fn max(self, other: Self) -> Self;
     /// Mask of `self` < `other`; false if either is NaN.
     fn less(self, other: Self) -> Self::Mask;
@@ -63,42 +73,50 @@ pub trait Real:
         self.abs().less_or_equal(self.constant(f32::MAX))
     }
     /// 1 / self.
+    #[must_use]
     #[inline(always)]
     fn recip(self) -> Self {
         self.constant(1.0) / self
     }
     /// self · self.
+    #[must_use]
     #[inline(always)]
     fn squared(self) -> Self {
         self * self
     }
     /// `self` clamped to `[low, high]`.
+    #[must_use]
     #[inline(always)]
     fn clamp(self, low: f32, high: f32) -> Self {
         self.max(self.constant(low)).min(self.constant(high))
     }
     /// Power of e, for |self| up to 87.
+    #[must_use]
     #[inline(always)]
     fn exp(self) -> Self {
         (self * core::f32::consts::LOG2_E).exp2()
     }
     /// Power of e over the whole range of the numbers: for `f32` the library's, which underflows to
     /// zero and overflows to infinity.
+    #[must_use]
     #[inline(always)]
     fn exp_wide(self) -> Self {
         self.exp()
     }
     /// Natural logarithm, for positive normal numbers.
+    #[must_use]
     #[inline(always)]
     fn ln(self) -> Self {
         self.log2() * core::f32::consts::LN_2
     }
     /// A constant zero of the same kind.
+    #[must_use]
     #[inline(always)]
     fn zero(self) -> Self {
         self.constant(0.0)
     }
     /// `self` where the mask holds, zero elsewhere.
+    #[must_use]
     #[inline(always)]
     fn keep(self, mask: Self::Mask) -> Self {
         Self::select(mask, self, self.zero())

@@ -110,10 +110,12 @@ impl Layout {
         Self { sh_degree, ..self }
     }
     /// The same attributes with a physical material.
+    #[must_use]
     pub const fn physical(self) -> Self {
         Self { is_physical: true, ..self }
     }
     /// The same attributes with both filters of Mip-Splatting.
+    #[must_use]
     pub const fn antialiased(self) -> Self {
         Self { low_pass: LowPass::Mip, is_smoothed: true, ..self }
     }

@@ -33,6 +33,7 @@ impl Fit {
     }
 
     /// The same directions with all weights times `weight`, and no colours yet.
+    #[must_use]
     pub fn without_colors(&self, weight: f64) -> Self {
         Self(self.0.without_targets(weight))
     }

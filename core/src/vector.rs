@@ -70,6 +70,7 @@ impl<R: Real> Vec3<R> {
         self.x.mul_add(other.x, self.y.mul_add(other.y, self.z * other.z))
     }
     /// Vector product.
+    #[must_use]
     #[inline(always)]
     pub fn cross(self, other: Self) -> Self {
         vec3(
@@ -79,6 +80,7 @@ impl<R: Real> Vec3<R> {
         )
     }
     /// Component by component.
+    #[must_use]
     #[inline(always)]
     pub fn times(self, other: Self) -> Self {
         vec3(self.x * other.x, self.y * other.y, self.z * other.z)
@@ -99,6 +101,7 @@ impl<R: Real> Vec3<R> {
         vec3(f(self.x), f(self.y), f(self.z))
     }
     /// self + factor · other.
+    #[must_use]
     #[inline(always)]
     pub fn add_scaled(self, factor: R, other: Self) -> Self {
         vec3(factor.mul_add(other.x, self.x), factor.mul_add(other.y, self.y), factor.mul_add(other.z, self.z))

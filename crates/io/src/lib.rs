@@ -96,3 +96,8 @@ pub mod within;
 pub use error::{Error, Result};
 pub use input::Input;
 pub use shot::IMAGE_ENDINGS;
+
+/// The example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -126,6 +126,7 @@ impl Pixels {
     /// Averages colours over the area of each new pixel, weighted by alpha so that invisible pixels
     /// do not bleed into edges, in sRGB as stored. Unknown pixels have no weight; a new pixel is
     /// unknown if they cover more than half of it.
+    #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {
         self.averaged([self.width, self.height].map(f64::from), [width, height])
     }
@@ -304,6 +305,7 @@ impl Normals {
 
     /// Averages directions over the area of each new pixel, where at least half of that area has
     /// normals.
+    #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let weighted = |x: usize, y: usize| {
             let pixel = y * self.width as usize + x;

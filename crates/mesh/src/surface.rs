@@ -31,6 +31,7 @@ impl Surface {
 
     /// The same surface in other colours: `change` must not modify positions, normals and
     /// triangles.
+    #[must_use]
     pub fn recolored(&self, change: impl FnOnce(&mut NearField<Vec<f32>>)) -> Self {
         let mut recolored = self.clone();
         change(&mut recolored.near_field);

@@ -55,6 +55,7 @@ impl Case {
     }
 
     /// The same under a light.
+    #[must_use]
     pub fn lit(self, environment: Environment<Vec<f32>>) -> Self {
         Self { environment: Some(environment), ..self }
     }
@@ -97,6 +98,7 @@ impl Case {
     /// The same scene with other last digits: numbers of the camera, the attributes and the light
     /// change by up to the relative amount `share`. The change of results shows the effect of
     /// rounding; near a cutoff, numbers cross it. Means are unchanged, so equal depths stay equal.
+    #[must_use]
     pub fn nudged(&self, share: f32, seed: u64) -> Self {
         let factor = |kind: u64, number: u64| 1.0 + share * (2.0 * random::uniform(seed, kind, number) - 1.0);
         let mut case = self.clone();

@@ -73,6 +73,7 @@ impl Sparse {
     }
 
     /// Rows become columns.
+    #[must_use]
     pub fn transpose(&self, column_count: usize) -> Self {
         let mut starts = vec![0; column_count + 1];
         self.columns.iter().for_each(|column| starts[*column as usize + 1] += 1);

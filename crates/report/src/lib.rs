@@ -47,3 +47,8 @@ pub use error::{Error, Result};
 
 /// Version in the footer of pages.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// The example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -104,6 +104,7 @@ impl From<ViewQuality> for ViewMeasures {
 
 impl ViewMeasures {
     /// Measures of a view; `None` if no pixel of it is known.
+    #[must_use]
     pub fn of_known(self, view: &View) -> Self {
         if view.is_unknown() { Self { values: [None; MEASURES.len()], ..self } } else { self }
     }

@@ -107,18 +107,21 @@ impl Scene {
     }
 
     /// Gaussians rounded to their storage, so that a plan sees the rendered numbers.
+    #[must_use]
     pub fn rounded(mut self, storage: Storage) -> Self {
         storage.round(&mut self.gaussians);
         self
     }
 
     /// The same scene with some of its Gaussians.
+    #[must_use]
     pub fn kept(&self, kept: &[usize]) -> Self {
         Self { gaussians: subset(&self.gaussians, kept, self.gaussians.layout), ..self.clone() }
     }
 
     /// The part of the scene in a region: Gaussians with their means in it, and triangles of the
     /// surface with their corners in it. Light that the rest occluded reaches physical materials.
+    #[must_use]
     pub fn cropped(&self, contains: impl Fn([f32; 3]) -> bool) -> Self {
         let is_inside = |index: &usize| contains(self.gaussians.get::<3>(*index, MEAN));
         let kept: Vec<usize> = (0..self.gaussians.count).filter(is_inside).collect();

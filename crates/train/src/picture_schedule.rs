@@ -68,6 +68,12 @@ impl<T> PictureSchedule<T> {
         (self.prepared, self.ahead) = (None, None);
     }
 
+    /// Changes the number of steps.
+    pub(crate) fn end_at(&mut self, iterations: u32) {
+        self.iterations = iterations;
+        (self.prepared, self.ahead) = (None, None);
+    }
+
     /// Numbers of the visits of a step among all that the training makes, from 1.
     pub(crate) fn visits(&self, step: u32) -> Range<u64> {
         self.views.visits(step)

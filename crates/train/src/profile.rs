@@ -521,6 +521,7 @@ impl Profile {
     /// then gives normals more weight, smooths those of mirrors, and splits smaller Gaussians:
     /// surfaces seen from all around gain in normals and in sharpness, photographs would lose, or
     /// have not been tried (docs/lab/trials.md).
+    #[must_use]
     pub fn for_objects(mut self) -> Self {
         if let Some(ObjectSettings { normal, smoothness, saturates, split_share }) = self.objects.take() {
             self.weights = LossWeights { normal, smoothness, saturates, ..self.weights };
@@ -531,6 +532,7 @@ impl Profile {
 
     /// Profile whose view-dependent colours reflect the scene itself; unchanged unless light is
     /// looked up pixel by pixel.
+    #[must_use]
     pub fn reflecting_itself(mut self) -> Self {
         if self.is_lit_per_pixel() {
             self.near_field = Some(NearFieldSchedule::DEFAULT);
@@ -546,6 +548,7 @@ impl Profile {
 
     /// Profile with a light network instead of a cube map ([`specula_core::light_network`]), with
     /// the same initial radiance; unchanged without a light.
+    #[must_use]
     pub fn with_light_network(mut self, iterations: u32) -> Self {
         if let Some(light) = &mut self.light {
             light.activation = RadianceActivation::Network;
@@ -561,6 +564,7 @@ impl Profile {
     /// # Panics
     ///
     /// For another number of texels.
+    #[must_use]
     pub fn under(mut self, radiance: Vec<f32>) -> Self {
         if let Some(light) = &mut self.light {
             let resolution = light.resolution;
@@ -573,6 +577,7 @@ impl Profile {
     }
 
     /// Profile with a trained light of known mean linear radiance; unchanged without a light.
+    #[must_use]
     pub fn with_light_mean(mut self, mean: [f32; 3]) -> Self {
         if let Some(light) = &mut self.light {
             light.radiance = mean.iter().sum::<f32>() / 3.0;
@@ -585,6 +590,7 @@ impl Profile {
     /// Profile that also learns the exposures of photographs. Learning rates of the scene then
     /// decay from the start instead of cooling, as in the measurement (docs/lab/features.md).
     /// Select materials first.
+    #[must_use]
     pub fn exposing(mut self, iterations: u32) -> Self {
         self.exposure = Some(exposure_rate(iterations));
         if self.cool_from < 1.0 {
@@ -597,6 +603,7 @@ impl Profile {
 
     /// Profile that also fits physical materials, for relighting, with occlusion by the scene's own
     /// surface; unchanged unless light is looked up pixel by pixel.
+    #[must_use]
     pub fn relightable(mut self) -> Self {
         if self.is_lit_per_pixel() {
             self.layout = self.layout.physical();
@@ -610,6 +617,7 @@ impl Profile {
     /// Profile for pictures under several lights, which have only their materials in common: these
     /// are fitted in every iteration, and nothing else once view-dependent colours have found the
     /// surface; there are no residual harmonics. Unchanged without materials.
+    #[must_use]
     pub fn under_several_lights(mut self) -> Self {
         if let Some(physical) = &mut self.physical {
             (physical.every, physical.only_from) = (1, ONLY_FROM);
@@ -650,6 +658,15 @@ impl Profile {
         let span = f64::from(until.min(iterations).saturating_sub(from));
         let refined = (f64::from(iteration.saturating_sub(from)) / span.max(1.0)).min(1.0);
         (span / f64::from(every.max(1)) / REFINEMENTS).min(1.0) * refined * (2.0 - refined)
+    }
+
+    /// The same profile for a training that ends at step `to` and has taken `from` steps: rates fall
+    /// from their current values to their last ones, and no Gaussians are added.
+    #[must_use]
+    pub(crate) fn ending_at(&self, from: u32, to: u32) -> Self {
+        let densification = Densification { until: self.densification.until.min(from), ..self.densification };
+        let ending = |schedule: Schedule| schedule.ending_at(from, to);
+        Self { rates: self.rates.map(ending), exposure: self.exposure.map(ending), densification, ..self.clone() }
     }
 
     /// Learning rates of a step that begins at a progress in \[0, 1).
@@ -693,6 +710,7 @@ impl Profile {
     }
 
     /// Removes the terms of an ablation from the profile.
+    #[must_use]
     pub fn without(mut self, ablation: Ablation) -> Self {
         if ablation.no_sparse {
             self.weights.sparse = 0.0;

@@ -324,6 +324,20 @@ impl<E: Executor> Trainer<E> {
         Ok(())
     }
 
+    /// Ends the training after `steps` more steps, at least one, if it would take more. Learning
+    /// rates fall from their current values to their last ones, everything that depends on progress
+    /// advances, and no Gaussians are added. [`Trainer::settings`] then describe the shorter
+    /// training: [`Trainer::resume`] needs them. All ranks must call it.
+    pub fn finish_early(&mut self, steps: u32) {
+        let from = self.state.iteration;
+        let to = from.saturating_add(steps.max(1));
+        if to < self.settings.iterations {
+            self.settings.profile = self.settings.profile.ending_at(from, to);
+            self.settings.iterations = to;
+            self.pictures.end_at(to);
+        }
+    }
+
     /// Swaps the first light with another of a number, from 0.
     fn swap_light(&mut self, number: u32) {
         let TrainingState { scene, other_lights, .. } = &mut self.state;
@@ -755,6 +769,31 @@ mod tests {
         take(&mut trainer, 1);
         let moved = height(&trainer.download().expect("the CPU gives back").gaussians);
         assert!(moved != 0.5 && (moved - 0.5).abs() < 0.1, "{moved}");
+    }
+
+    #[test]
+    fn a_training_ends_early_and_resumes_to_the_same_bits() {
+        let mut trainer = trainer(settings()).expect("there are views");
+        take(&mut trainer, 10);
+        let rate = |trainer: &Trainer<CpuExecutor>, step: u32| trainer.settings().profile.rates.mean.at(step);
+        let [now, last] = [10, ITERATIONS].map(|step| rate(&trainer, step));
+        trainer.finish_early(ITERATIONS);
+        assert_eq!(trainer.settings(), &settings(), "it does not become longer");
+        trainer.finish_early(8);
+        assert_eq!(trainer.settings().iterations, 18);
+        for (step, expected) in [(10, now), (18, last)] {
+            assert!((rate(&trainer, step) / expected - 1.0).abs() < 1e-5, "rate of step {step}");
+        }
+        take(&mut trainer, 3);
+        let (state, shortened) = (trainer.snapshot().expect("the CPU gives back"), trainer.settings().clone());
+        let mut resumed =
+            Trainer::resume(CpuExecutor::new(), shortened, &views(), &state).expect("settings are those of the state");
+        for trainer in [&mut trainer, &mut resumed] {
+            take(trainer, 5);
+            assert!(trainer.is_finished());
+        }
+        let [one, other] = [trainer, resumed].map(|mut trainer| trainer.snapshot().expect("the CPU gives back"));
+        assert!(one == other, "the same bits");
     }
 
     #[test]

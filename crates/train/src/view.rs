@@ -37,6 +37,7 @@ impl View {
     /// Downscales the view by two: means over 2 × 2 pixels, weighted by alpha, without a last odd
     /// row or column. A pixel is unknown if more than two of the four are; fewer unknown ones have
     /// no weight. Normals are dropped.
+    #[must_use]
     pub fn halved(&self) -> Self {
         let [width, height] = [self.camera.width as usize / 2, self.camera.height as usize / 2];
         let row_len = self.camera.width as usize;

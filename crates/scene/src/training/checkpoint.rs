@@ -29,6 +29,7 @@ impl Checkpoints {
     }
 
     /// Checkpoints of a training that is resumed from iteration `last`.
+    #[must_use]
     pub fn resumed_at(self, last: u32) -> Self {
         Self { last: Some(last), ..self }
     }
