@@ -112,3 +112,8 @@ pub mod prelude {
         scene::{Environment, Gaussians, Layout},
     };
 }
+
+/// The example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

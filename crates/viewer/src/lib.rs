@@ -81,3 +81,8 @@ pub use viewed::ViewedScene;
 #[cfg(feature = "server")]
 pub use viewer::{AddedLight, Viewer, ViewerOptions, ViewerThread};
 pub use views::PhotographSource;
+
+/// The example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
