@@ -93,7 +93,10 @@ impl<'a> Session<'a> {
         pauses: &[u32],
     ) -> Result<Outcome, Failure> {
         let work = progress::work(title, (*iterations).into());
-        let expectation = Expectation::new(training, profile, *iterations, [self.pixels, self.views], pauses);
+        let sizes = [self.pixels, self.views];
+        let expectation =
+            Expectation::new(training.gaussian_count(), training.iteration(), profile, *iterations, sizes);
+        let expectation = expectation.pausing(pauses);
         self.work = Some(work.resumed(training.iteration().into(), training.seconds(), expectation.plan(0)));
         self.expectation = Some(expectation);
         let outcome = training.run(pauses, &mut self)?;
@@ -107,7 +110,7 @@ impl<'a> Session<'a> {
 }
 
 /// Expected costs of the steps of a training, whose number of Gaussians changes.
-struct Expectation {
+pub(crate) struct Expectation {
     profile: Profile,
     iterations: u32,
     pixels: usize,
@@ -122,27 +125,47 @@ struct Expectation {
 }
 
 impl Expectation {
-    fn new(
-        training: &Training,
+    /// Expectation of a training that has `count` Gaussians after `iteration`, with pictures of so
+    /// many pixels, and so many views.
+    pub(crate) fn new(
+        count: usize,
+        iteration: u32,
         profile: &Profile,
         iterations: u32,
         [pixels, views]: [usize; 2],
-        pauses: &[u32],
     ) -> Self {
-        let is_slow = |step: &u32| {
-            let has_new_surface = profile.near_field.is_some_and(|schedule| schedule.is_due(*step, iterations));
-            has_new_surface || pauses.contains(&(step - 1))
-        };
-        let count = training.gaussian_count();
+        let has_new_surface =
+            |step: &u32| profile.near_field.is_some_and(|schedule| schedule.is_due(*step, iterations));
         Self {
             profile: profile.clone(),
             iterations,
             pixels,
-            start: (count, profile.share_of_growth(training.iteration(), iterations)),
-            slow: (1..=iterations).filter(is_slow).map(u64::from).collect(),
+            start: (count, profile.share_of_growth(iteration, iterations)),
+            slow: (1..=iterations).filter(has_new_surface).map(u64::from).collect(),
             count,
-            warm_up: u64::from(training.iteration()) + views as u64,
+            warm_up: u64::from(iteration) + views as u64,
         }
+    }
+
+    /// Cost of all steps and surfaces, in the unit of [`Profile::step_cost`].
+    pub(crate) fn cost(&self) -> f64 {
+        let Plan { pauses, pause_cost, .. } = self.plan(0);
+        self.cost_of(0, self.iterations) + pauses.len() as f64 * pause_cost
+    }
+
+    /// Cost of the steps after `from` up to `to`.
+    pub(crate) fn cost_of(&self, from: u32, to: u32) -> f64 {
+        let costs = self.plan(0).costs;
+        costs[to as usize] - costs[from as usize]
+    }
+
+    /// The same with pauses after some steps.
+    fn pausing(mut self, pauses: &[u32]) -> Self {
+        let pauses = pauses.iter().map(|step| u64::from(step + 1)).filter(|step| *step <= u64::from(self.iterations));
+        self.slow.extend(pauses);
+        self.slow.sort_unstable();
+        self.slow.dedup();
+        self
     }
 
     /// Plan of the steps after `iteration`: the number of Gaussians keeps growing at its rate so

@@ -4,7 +4,7 @@
 use super::{
     light_reference::LightReference,
     parse::{
-        address, count, downscale, error_bound, executor, light_follows, masks, positive, share, token,
+        above_zero, address, count, downscale, error_bound, executor, light_follows, masks, positive, share, token,
         unknown_setting, weight, whole_above_zero,
     },
     preset::Preset,
@@ -96,6 +96,11 @@ pub(crate) struct Train {
     /// Number of iterations, such as 30000, 30k or 3e4; schedules stretch with it.
     #[arg(long, value_name = "N", default_value_t = 30_000, value_parser = positive::<u32>)]
     pub(crate) iterations: u32,
+    /// Choose a number of iterations that takes about M minutes on this machine, at most
+    /// --iterations. config.toml records it.
+    #[arg(long, value_name = "M", value_parser = above_zero, conflicts_with_all = ["resume", "ranks"])]
+    #[serde(skip)]
+    pub(crate) minutes: Option<f64>,
     /// Views per iteration, with gradients at the same parameters, which several ranks can share;
     /// schedules adapt, so that 4 views take a quarter of the iterations. Some quality is lost; see
     /// docs/scaling.md.

@@ -2,6 +2,7 @@
 
 mod folder;
 pub(crate) mod many;
+mod pace;
 mod result;
 
 use crate::{
@@ -97,6 +98,9 @@ impl Prepared {
         if rank_count > 1 && args.watch.view.is_some() {
             return Err(Failure::Input("--view does not support several ranks; omit --view".into()));
         }
+        if rank_count > 1 && args.minutes.is_some() {
+            return Err(Failure::Input("--minutes does not support several ranks; use --iterations".into()));
+        }
         let args = with_resolution(args)?;
         // Fails before the data is read.
         settings::profile_of(&args, args.iterations, false)?;
@@ -112,19 +116,21 @@ impl Prepared {
         let profile = profile_of(&args, &data)?;
         light_pictures(&args, &profile, &mut data)?;
         let profile = under_lights(&args, profile, &data)?;
+        let points = match args.resuming.resume {
+            true => Vec::new(),
+            false => thinned_points(data.take_points(points_of(&args), args.seed), &profile),
+        };
+        let pictures = data.take_store();
         let background = background_of(&args, &data);
         let (iterations, seed) = (args.iterations, args.seed);
         let settings = Settings { profile, iterations, seed, background: background.0, random_points: 0 };
+        let (args, settings) = within_minutes(args, settings, &data, &pictures, &points)?;
         let info = info_of(&args, &settings, &data)?;
         let facts = data.describe(&settings, config::text_of(&args)?);
         let saved = if args.resuming.resume {
             Some(folder::read_checkpoint(&args, source_of(&args)?, &settings, is_object, &facts)?)
         } else {
             None
-        };
-        let points = match saved {
-            Some(_) => Vec::new(),
-            None => thinned_points(data.take_points(points_of(&args), seed), &settings.profile),
         };
         if saved.is_none() && !points.is_empty() && !data.shows_any_of(&points) {
             tracing::warn!(
@@ -142,7 +148,7 @@ impl Prepared {
         };
         let resumed = saved.as_ref().map(|saved| (saved.state.iteration, saved.seconds));
         let saved = saved.map(Arc::new).map_or_else(Vec::new, |saved| vec![saved; args.ranks.into()]);
-        let (saved, pictures) = (Mutex::new(saved), data.take_store());
+        let saved = Mutex::new(saved);
         Ok(Self { args, settings, info, facts, background, data, pictures, points, saved, resumed, _lock: lock })
     }
 
@@ -195,6 +201,31 @@ impl Prepared {
             None => checkpoints,
         }
     }
+}
+
+/// Arguments and settings with as many iterations as `--minutes` allows, if it is given.
+fn within_minutes(
+    args: Train,
+    settings: Settings,
+    data: &Capture,
+    pictures: &PictureStore,
+    points: &[Point],
+) -> Result<(Train, Settings), Failure> {
+    let Some(minutes) = args.minutes else { return Ok((args, settings)) };
+    let has_lights = data.light_names.len() > 1;
+    let profile_at = |iterations: u32| {
+        let profile = settings::profile_of(&args, iterations, data.holds_objects())?;
+        Ok(if has_lights { profile.under_several_lights() } else { profile })
+    };
+    let cameras: Vec<_> = data.train.iter().map(|photograph| photograph.camera).collect();
+    let same = settings.clone();
+    let iterations = pace::iterations_within(minutes, same, &args.executor, pictures, points, &cameras, profile_at)?;
+    let args = Train { iterations, ..args };
+    // What there is to say of the profile was said.
+    let silent = tracing::subscriber::NoSubscriber::default();
+    let profile = || under_lights(&args, profile_of(&args, data)?, data);
+    let profile = tracing::subscriber::with_default(silent, profile)?;
+    Ok((args, Settings { profile, iterations, ..settings }))
 }
 
 /// Profile of a training on a data set.
