@@ -6,10 +6,17 @@
 //! few lines:
 //!
 //! ```
-//! use specula_benches::{scene::{Scene, View}, stages::{Meter, Stage, measure_picture}};
+//! use specula_benches::{
+//!     scene::{Scene, View},
+//!     stages::{Meter, Stage, measure_picture},
+//! };
 //! use specula_core::{
-//!     executor::Renderer, loss::LossWeights, prefilter::PrefilterScheme, rules::{Channels, RenderRules},
-//!     scene::Layout, shade::ShadingRules,
+//!     executor::Renderer,
+//!     loss::LossWeights,
+//!     prefilter::PrefilterScheme,
+//!     rules::{Channels, RenderRules},
+//!     scene::Layout,
+//!     shade::ShadingRules,
 //! };
 //! use specula_cpu::CpuExecutor;
 //!
@@ -35,7 +42,8 @@
 //! let rules = RenderRules::full(ShadingRules::DEFERRED, PrefilterScheme::Exact, Channels::Color);
 //! let scene = Scene::new(&mut exec, layout, &rules, &LossWeights::NONE, 64, 500)?;
 //! let light = scene.filtered(&mut exec)?;
-//! let view = View { cloud: &scene.state.gaussians, light: light.as_ref(), camera: &scene.camera, rules: &rules };
+//! let cloud = &scene.state.gaussians;
+//! let view = View { cloud, light: light.as_ref(), camera: &scene.camera, rules: &rules };
 //! let mut times = Once(Vec::new());
 //! measure_picture(&mut exec, &view, &mut times)?;
 //! assert_eq!(times.0.len(), 6, "project, shade, bin, blend, shade_pixels, and the whole frame");

@@ -144,6 +144,15 @@ pub fn is_active<R: Real>(transmittance: R) -> R::Mask {
     Cutoffs::DEFAULT.is_active(transmittance)
 }
 
+/// Tests whether a splat has the median depth of a pixel: in front of it passes more than half of
+/// the light, and behind it half or less. Unlike the mean depth it is that of a splat, and not
+/// between two surfaces.
+#[inline(always)]
+pub fn is_median<R: Real>(in_front: R, behind: R) -> R::Mask {
+    let half = in_front.constant(0.5);
+    half.less(in_front) & behind.less_or_equal(half)
+}
+
 /// Contribution of one splat to a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Composite<R> {

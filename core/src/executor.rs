@@ -120,13 +120,15 @@ pub enum Feature {
     Limits,
     /// Surfaces of other renderers in front of splats ([`Renderer::blend_occluded`]).
     Occlusions,
+    /// Median depths ([`Renderer::median_depths`]).
+    MedianDepths,
     /// Changes of some Gaussians ([`Renderer::write_gaussians`]).
     PartialWrites,
 }
 
 impl Feature {
     /// Every feature.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::NearFields,
         Self::Lamps,
         Self::LightNetworks,
@@ -139,6 +141,7 @@ impl Feature {
         Self::Sampling,
         Self::Limits,
         Self::Occlusions,
+        Self::MedianDepths,
         Self::PartialWrites,
     ];
 
@@ -157,6 +160,7 @@ impl Feature {
             Self::Sampling => "filters in space",
             Self::Limits => "ceilings of planes",
             Self::Occlusions => "splats behind surfaces of another renderer",
+            Self::MedianDepths => "median depths",
             Self::PartialWrites => "changes of some Gaussians",
         }
     }
@@ -483,6 +487,22 @@ pub trait Renderer {
     ) -> Result<Self::Frame, Self::Error> {
         let _ = (splats, colors, tiles, camera, occlusion);
         Err(Unsupported::feature(Feature::Occlusions).into())
+    }
+
+    /// Median depth of each pixel of the camera, row by row: the depth of the splat that brings the
+    /// transmittance to one half or less ([`crate::blend::is_median`]), infinite without one.
+    ///
+    /// # Errors
+    ///
+    /// The error of the executor; [`Unsupported`] without [`Feature::MedianDepths`].
+    fn median_depths(
+        &mut self,
+        splats: &Self::Splats,
+        tiles: &Self::Tiles,
+        camera: &Camera,
+    ) -> Result<Self::Array, Self::Error> {
+        let _ = (splats, tiles, camera);
+        Err(Unsupported::feature(Feature::MedianDepths).into())
     }
 
     /// Traces the reflected ray of every pixel against the near field of the light

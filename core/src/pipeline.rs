@@ -5,7 +5,7 @@ use crate::{
     double::Double,
     executor::{Executor, OwnLoss, ReadBack, Renderer, StepPicture, StepReport, TrainingStep, Unsupported},
     loss::LossWeights,
-    rules::RenderRules,
+    rules::{Channels, RenderRules},
     scene::{Environment, Gaussians, Layout},
     state::{SceneState, Statistics},
 };
@@ -91,6 +91,24 @@ pub fn render_occluded<E: Renderer>(
     let tiles = exec.bin(&splats, camera)?;
     let frame = exec.blend_occluded(&splats, &colors, &tiles, camera, occlusion)?;
     light_pixels(exec, gaussians.layout, frame, light, camera, rules, &mut ())
+}
+
+/// Median depth of each pixel of a view ([`Renderer::median_depths`]).
+///
+/// # Errors
+///
+/// The error of the stage that failed; [`Unsupported`] by executors
+/// without [`Feature::MedianDepths`](crate::executor::Feature::MedianDepths).
+pub fn median_depths<E: Renderer>(
+    exec: &mut E,
+    gaussians: &Gaussians<E::Array>,
+    camera: &Camera,
+    rules: &RenderRules,
+) -> Result<E::Array, E::Error> {
+    let rules = RenderRules { channels: Channels::Color, is_lit: false, ..*rules };
+    let (splats, _) = project_and_shade(exec, gaussians, None, camera, &rules, &mut ())?;
+    let tiles = exec.bin(&splats, camera)?;
+    exec.median_depths(&splats, &tiles, camera)
 }
 
 /// Results of all stages of a picture.

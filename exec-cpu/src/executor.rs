@@ -13,6 +13,7 @@ use crate::{
         gaussians_vjp::{gaussians_vjp, update},
         illuminate::{Lamps, illuminate},
         loss::{Target, loss_all},
+        median_depths::median_depths,
         optimise::{StepSize, adam_all, adam_blocks, add_all},
         prefilter::{Light, LightGrad},
         project::{Splats, project_all},
@@ -328,6 +329,10 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
             occlusion,
             self.cutoffs.cutoffs(),
         ))
+    }
+
+    fn median_depths(&mut self, splats: &Splats, tiles: &Tiles, camera: &Camera) -> Result<Vec<f32>, CpuError> {
+        self.context.complete(median_depths(&self.context, splats, tiles, camera, self.cutoffs.cutoffs()))
     }
 
     fn trace(&mut self, surface: Frame, light: &Light, camera: &Camera) -> Result<Frame, CpuError> {

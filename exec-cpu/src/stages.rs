@@ -12,6 +12,7 @@ pub(crate) mod illuminate;
 pub(crate) mod light_network;
 pub(crate) mod lookup;
 pub mod loss;
+pub(crate) mod median_depths;
 mod occlusion;
 pub(crate) mod optimise;
 pub mod prefilter;

@@ -427,8 +427,8 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
     type Frame = Frame;
     type Error = GpuError;
 
-    fn has(&self, _: Feature) -> bool {
-        true
+    fn has(&self, feature: Feature) -> bool {
+        feature != Feature::MedianDepths
     }
 
     fn upload(&mut self, values: &[f32]) -> Result<ChunkedArray, GpuError> {

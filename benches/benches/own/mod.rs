@@ -1,4 +1,4 @@
-//! What specula's own benches share: scenes of its profiles, their work on the CPU, trained models.
+//! Parts of several benches: scenes of specula's profiles, their work on the CPU, trained models.
 
 #![allow(dead_code, reason = "each program uses a part")]
 

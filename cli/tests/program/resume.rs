@@ -361,3 +361,26 @@ fn a_checkpoint_that_is_larger_than_files_may_be_is_told_and_leaves_the_one_befo
     let left: Vec<String> = names.filter(|name| name.starts_with('.')).collect();
     assert!(left.is_empty(), "{left:?} stayed behind");
 }
+
+#[test]
+fn a_time_chooses_the_iterations_and_nothing_else() {
+    let tiny = Tiny::new();
+    started(&tiny, "plain", SHARED, &[]).assert().success();
+    let long = ["--minutes", "10000"];
+    let output = started(&tiny, "long", SHARED, &long).assert().success().get_output().clone();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(told.contains("40 iterations, which take fewer than 10000 minutes here"), "{told}");
+    assert!(
+        model_of(&tiny.path("long"), SHARED) == model_of(&tiny.path("plain"), SHARED),
+        "the timed steps leave no trace"
+    );
+    let config = fs::read_to_string(tiny.path("long/config.toml")).unwrap();
+    assert!(config.contains("iterations = 40") && !config.contains("minutes"), "{config}");
+
+    let output = started(&tiny, "short", 400, &["--minutes", "1e-9"]).assert().success().get_output().clone();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(told.contains("300 iterations, the fewest of --minutes, take longer than"), "{told}");
+    assert!(gaussians_at(&tiny.path("short"), 300).is_file(), "schedules end there");
+    let refused = refusal(resumed(&tiny, "short").args(["--minutes", "1"]));
+    assert!(refused.contains("--minutes") && refused.contains("--resume"), "{refused}");
+}

@@ -53,6 +53,7 @@ requirements! {
         the_official_filter_is_computed_or_refused_by_name,
         parts_of_pictures_have_the_bits_of_the_whole,
         surfaces_hide_splats_or_are_refused_by_name,
+        median_depths_halve_the_light_or_are_refused_by_name,
         changes_of_some_gaussians_are_written_or_refused_by_name,
     };
     /// Writes one `#[test]` for each requirement of a `Renderer`. The argument makes the executor,
@@ -592,6 +593,54 @@ pub fn surfaces_hide_splats_or_are_refused_by_name<E: Renderer>(subject: &Subjec
         }
         Ok(())
     })
+}
+
+/// Finds the splat of each pixel behind which half of the light passes: surfaces at its depth leave
+/// more than half, and surfaces just behind it half or less. Executors without occlusions only
+/// have to refuse.
+///
+/// # Errors
+///
+/// The fault.
+pub fn median_depths_halve_the_light_or_are_refused_by_name<E: Renderer>(
+    subject: &Subject<'_, E>,
+) -> Result<(), String> {
+    let view = View::new(200, Layout::radiance(1), rules(ShadingRules::PAPER, Channels::Color), 5);
+    let mut exec = subject.executor();
+    let gaussians = exec.upload_gaussians(&view.gaussians).map_err(said)?;
+    let array = match pipeline::median_depths(&mut exec, &gaussians, &view.camera, &view.rules) {
+        Ok(array) => array,
+        Err(error) => {
+            let is_refused =
+                !exec.has(Feature::MedianDepths) && error.to_string().contains(Feature::MedianDepths.name());
+            return require(is_refused, || format!("median depths fail as {error}"));
+        }
+    };
+    let mut medians = vec![f32::NAN; view.pixels()];
+    exec.download(&array, &mut medians).map_err(said)?;
+    if !exec.has(Feature::Occlusions) {
+        return Ok(());
+    }
+    let mut passed = |surfaces: Vec<f32>| {
+        let picture = View { occlusion: Some(surfaces), ..view.clone() }.picture(&mut exec)?;
+        Ok::<_, String>(picture[picture.len() - view.pixels()..].to_vec())
+    };
+    let all = passed(vec![f32::INFINITY; view.pixels()])?;
+    let in_front = passed(medians.clone())?;
+    let behind = passed(medians.iter().map(|depth| depth.next_up()).collect())?;
+    let mut seen = 0;
+    for (pixel, median) in medians.iter().enumerate() {
+        if *median == f32::INFINITY {
+            require(all[pixel] > 0.5, || format!("no splat of pixel {pixel} has the median depth"))?;
+            continue;
+        }
+        let around = [in_front[pixel], behind[pixel]];
+        require(around[0] > 0.5 && around[1] <= 0.5, || {
+            format!("of the light in pixel {pixel} pass {around:?} in front of and behind the depth {median}")
+        })?;
+        seen += 1;
+    }
+    require(seen > view.pixels() / 10, || format!("only {seen} pixels have a median depth"))
 }
 
 /// Replaces some of the Gaussians, and refuses those that do not fit.

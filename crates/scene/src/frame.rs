@@ -7,7 +7,7 @@ use specula_core::{
     camera::{Camera, Scissor},
     color::linear_from_srgb,
     metrics::quantize,
-    occlusion::DepthRange,
+    occlusion::{DepthRange, is_hidden},
     rules::{Channels, RenderRules, channel},
     scene::Image,
 };
@@ -19,6 +19,7 @@ pub struct FrameRequest<'a> {
     camera: Camera,
     slot: usize,
     surfaces: Option<Surfaces<'a>>,
+    has_median_depths: bool,
 }
 
 /// Depths of the engine's opaque surfaces, one number for each pixel of the picture, row by row.
@@ -42,7 +43,7 @@ impl Surfaces<'_> {
 impl<'a> FrameRequest<'a> {
     /// View under the light of its camera ([`Camera::light`]), in front of everything.
     pub fn new(camera: &Camera) -> Self {
-        Self { camera: *camera, slot: camera.light as usize, surfaces: None }
+        Self { camera: *camera, slot: camera.light as usize, surfaces: None, has_median_depths: false }
     }
 
     /// Selects the light of another slot ([`SceneRenderer::set_light`]).
@@ -56,6 +57,13 @@ impl<'a> FrameRequest<'a> {
     #[must_use]
     pub fn behind(self, surfaces: Surfaces<'a>) -> Self {
         Self { surfaces: Some(surfaces), ..self }
+    }
+
+    /// Selects median instead of mean depths: that of the splat behind which half of the light or
+    /// less passes, which is never between two surfaces. They take a pass of their own.
+    #[must_use]
+    pub fn with_median_depths(self) -> Self {
+        Self { has_median_depths: true, ..self }
     }
 
     /// Renders and writes only a part of the picture; it has the bits of the whole picture.
@@ -91,7 +99,9 @@ pub enum Behind {
 impl SceneRenderer {
     /// Renders a view into an engine's memory. `depth` receives the depth of each pixel of the
     /// picture, row by row: the mean z of its splats in camera space, by their weights, infinite
-    /// where there are none. Only pixels of the requested part are written.
+    /// where there are none; or the median
+    /// ([`with_median_depths`](FrameRequest::with_median_depths)), infinite where half of the light
+    /// passes. Only pixels of the requested part are written.
     ///
     /// # Errors
     ///
@@ -105,7 +115,7 @@ impl SceneRenderer {
         behind: Behind,
         depth: Option<&mut [f32]>,
     ) -> Result<(), SceneError> {
-        let FrameRequest { camera, slot, surfaces } = request;
+        let FrameRequest { camera, slot, surfaces, has_median_depths } = request;
         let (width, height) = (camera.width as usize, camera.height as usize);
         let Camera { width: columns, height: rows, .. } = *camera;
         let part = camera.scissor.unwrap_or(Scissor { x: 0, y: 0, width: columns, height: rows });
@@ -121,21 +131,33 @@ impl SceneRenderer {
             return Ok(());
         }
         let channels = match self.rules().channels {
-            Channels::Color if depth.is_some() => Channels::Training,
+            Channels::Color if depth.is_some() && !has_median_depths => Channels::Training,
             channels => channels,
         };
         let rules = RenderRules { channels, ..*self.rules() };
-        let image = match surfaces.as_ref().map(Surfaces::depths) {
+        let surfaces = surfaces.as_ref().map(Surfaces::depths);
+        let image = match &surfaces {
             None => self.render_lit(*slot, camera, &rules)?,
             Some(depths) => {
                 check("the buffer of surfaces", depths.len(), width * height)?;
-                self.backend_mut().render_occluded(*slot, camera, &rules, &depths)?
+                self.backend_mut().render_occluded(*slot, camera, &rules, depths)?
             }
         };
-        target.write(&image, &part, behind);
-        if let Some(depth) = depth {
-            write_depths(&image, &part, depth);
+        let Some(depth) = depth else {
+            target.write(&image, &part, behind);
+            return Ok(());
+        };
+        if *has_median_depths {
+            let medians = self.backend_mut().median_depths(camera, &rules)?;
+            // Splats before the surface are the first of all.
+            let is_seen = |pixel: usize| surfaces.as_ref().is_none_or(|all| !is_hidden(medians[pixel], all[pixel]));
+            pixels_of(&part, width).for_each(|pixel| {
+                depth[pixel] = if is_seen(pixel) { medians[pixel] } else { f32::INFINITY };
+            });
+        } else {
+            write_mean_depths(&image, &part, depth);
         }
+        target.write(&image, &part, behind);
         Ok(())
     }
 }
@@ -234,14 +256,18 @@ fn write_rows<T: Copy + Send>(
     });
 }
 
+/// Pixels of a part of a picture with rows of so many pixels.
+fn pixels_of(part: &Scissor, width: usize) -> impl Iterator<Item = usize> {
+    let [x, y, columns, rows] = [part.x, part.y, part.width, part.height].map(|number| number as usize);
+    (y..y + rows).flat_map(move |row| row * width + x..row * width + x + columns)
+}
+
 /// Mean depths of a part of a picture.
-fn write_depths(image: &Image<Vec<f32>>, part: &Scissor, depth: &mut [f32]) {
+fn write_mean_depths(image: &Image<Vec<f32>>, part: &Scissor, depth: &mut [f32]) {
     let (sums, passed) = (image.plane(channel::DEPTH), image.plane(image.channels - 1));
-    for row in part.y as usize..(part.y + part.height) as usize {
-        for pixel in row * image.width + part.x as usize..row * image.width + (part.x + part.width) as usize {
-            let coverage = 1.0 - passed[pixel];
-            depth[pixel] = if coverage > 0.0 { sums[pixel] / coverage } else { f32::INFINITY };
-        }
+    for pixel in pixels_of(part, image.width) {
+        let coverage = 1.0 - passed[pixel];
+        depth[pixel] = if coverage > 0.0 { sums[pixel] / coverage } else { f32::INFINITY };
     }
 }
 
@@ -366,6 +392,24 @@ mod tests {
         assert!((at(WIDTH / 2 - 10) - 2.5).abs() < 1e-4, "{}", at(WIDTH / 2 - 10));
         assert!((at(WIDTH - 8) - 3.5).abs() < 1e-4, "{}", at(WIDTH - 8));
         assert_eq!(depth[0], f32::INFINITY, "nothing is in the corner");
+    }
+
+    #[test]
+    fn a_median_depth_is_that_of_a_splat_before_the_surface() {
+        let mut renderer = renderer();
+        let camera = camera();
+        let request = FrameRequest::new(&camera).with_median_depths();
+        let walls = vec![3.0; WIDTH * HEIGHT];
+        let [open, behind_wall] = [request, request.behind(Surfaces::Depths(&walls))].map(|request| {
+            let (mut pixels, mut depth) = (vec![0; 4 * WIDTH * HEIGHT], vec![f32::NAN; WIDTH * HEIGHT]);
+            let target = Target::Rgba8(&mut pixels, 4 * WIDTH);
+            renderer.render_into(&request, target, Behind::Nothing, Some(&mut depth)).unwrap();
+            depth
+        });
+        let at = |depth: &[f32], column: usize| depth[WIDTH * (HEIGHT / 2) + column];
+        let (left, right) = (WIDTH / 2 - 5, WIDTH / 2 + 3);
+        assert_eq!([at(&open, left), at(&open, right), open[0]], [2.5, 3.5, f32::INFINITY]);
+        assert_eq!([at(&behind_wall, left), at(&behind_wall, right)], [2.5, f32::INFINITY]);
     }
 
     #[test]

@@ -78,6 +78,16 @@ pub trait RenderBackend: Send {
         Err(SceneError::Unsupported(Unsupported::feature(Feature::Occlusions)))
     }
 
+    /// Median depth of each pixel of a view, row by row ([`Renderer::median_depths`]).
+    ///
+    /// # Errors
+    ///
+    /// Those of the executor; [`SceneError::Unsupported`] by default.
+    fn median_depths(&mut self, camera: &Camera, rules: &RenderRules) -> Result<Vec<f32>, SceneError> {
+        let _ = (camera, rules);
+        Err(SceneError::Unsupported(Unsupported::feature(Feature::MedianDepths)))
+    }
+
     /// Replaces some of the Gaussians by those with the same indices; lights stay.
     ///
     /// # Errors
@@ -276,6 +286,13 @@ where
             read_image(exec, &frame, gaussians.layout, camera, rules)
         };
         render(exec).map_err(Into::into)
+    }
+
+    fn median_depths(&mut self, camera: &Camera, rules: &RenderRules) -> Result<Vec<f32>, SceneError> {
+        let mut depths = vec![0.0; camera.width as usize * camera.height as usize];
+        let array = pipeline::median_depths(&mut self.exec, &self.gaussians, camera, rules).map_err(Into::into)?;
+        self.exec.download(&array, &mut depths).map_err(Into::into)?;
+        Ok(depths)
     }
 
     fn write_gaussians(&mut self, gaussians: &Gaussians<Vec<f32>>, range: Range<usize>) -> Result<(), SceneError> {

@@ -660,8 +660,8 @@ impl Profile {
         (span / f64::from(every.max(1)) / REFINEMENTS).min(1.0) * refined * (2.0 - refined)
     }
 
-    /// The same profile for a training that ends at step `to` and has taken `from` steps: rates fall
-    /// from their current values to their last ones, and no Gaussians are added.
+    /// The same profile for a training that ends at step `to` and has taken `from` steps: rates
+    /// fall from their current values to their last ones, and no Gaussians are added.
     #[must_use]
     pub(crate) fn ending_at(&self, from: u32, to: u32) -> Self {
         let densification = Densification { until: self.densification.until.min(from), ..self.densification };
