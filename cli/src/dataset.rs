@@ -70,8 +70,12 @@ pub(crate) fn note_guessed_up(found: &Orientation) {
     }
 }
 
-fn correction(Orientation { up_source, error_degrees, .. }: &Orientation) -> &'static str {
+fn correction(Orientation { up, up_source, error_degrees, cameras, .. }: &Orientation) -> &'static str {
     match (up_source, error_degrees) {
+        (UpSource::Nothing, _) if *cameras == 0 && *up == [0.0, 0.0, 1.0] => {
+            "; if it is wrong, set --scene-up, often to -y"
+        }
+        (UpSource::Nothing, _) if *cameras == 0 => "; if it is wrong, set --scene-up, often to z",
         (UpSource::Hand | UpSource::File, _) | (UpSource::Upright | UpSource::Height, Some(_)) => "",
         (UpSource::Level, Some(_)) => "; if it is the opposite, set --scene-up X,Y,Z",
         (UpSource::Mean | UpSource::Nothing, _) | (_, None) => "; if it is wrong, set --scene-up X,Y,Z",

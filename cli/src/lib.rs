@@ -32,7 +32,10 @@ use clap::error::ErrorKind;
 use core::panic::AssertUnwindSafe;
 use failure::{Failure, shortened};
 use specula_scene::{ExecutorChoice, text::printable};
-use std::ffi::OsString;
+use std::{
+    ffi::OsString,
+    io::{Write, stderr},
+};
 
 /// Allocator that keeps pages between steps, since each step allocates its frames and gradients.
 #[global_allocator]
@@ -124,13 +127,14 @@ fn explain(error: &clap::Error) -> u8 {
             let _ = error.print();
         }
         ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
-            eprint!("{error}");
+            // A closed stderr is no error, here and below.
+            let _ = write!(stderr(), "{error}");
             return 2;
         }
         _ => {
             let command = help::command_of(&words).map_or(String::new(), |name| format!("{name} "));
             let sentence = printable(&failure::sentence_of(error));
-            eprintln!("specula: {sentence}; see specula {command}--help");
+            let _ = writeln!(stderr(), "specula: {sentence}; see specula {command}--help");
             return 2;
         }
     }

@@ -288,12 +288,20 @@ fn surface_of(opened: &OpenedModel, options: &RenderOptions) -> Result<Option<Ar
     Ok(surface)
 }
 
+/// Line and message of an error in TOML.
+fn place_of(text: &[u8], error: &toml::de::Error) -> String {
+    let message = error.message().trim().replace('\n', " ");
+    let before = error.span().and_then(|span| text.get(..span.start));
+    let line = |before: &[u8]| before.iter().filter(|byte| **byte == b'\n').count() + 1;
+    before.map_or_else(|| message.clone(), |before| format!("line {}: {message}", line(before)))
+}
+
 /// Reads a file of lights.
 fn read(path: &Path) -> Result<LightFile, Failure> {
     let wrong = |error: &dyn Display| Failure::Input(format!("{path:?} is not a file of lights: {error}"));
     let text = FACTS.read(path)?;
     let file: LightFile =
-        toml::from_slice(&text).map_err(|error| wrong(&error.to_string().trim().replace('\n', " ")))?;
+        toml::from_slice(&text).map_err(|error| wrong(&format!("{} (docs/rendering.md)", place_of(&text, &error))))?;
     if !file.exposure.is_finite() || !file.turn.is_finite() {
         return Err(wrong(&"exposure and turn must be finite numbers"));
     }

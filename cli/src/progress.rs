@@ -56,6 +56,12 @@ pub(crate) fn silently<T>(f: impl FnOnce() -> T) -> T {
     tracing::subscriber::with_default(NoSubscriber::default(), f)
 }
 
+/// Prints what can be done next, a line each.
+pub(crate) fn note_next(steps: impl IntoIterator<Item = String>) {
+    let steps: Vec<String> = steps.into_iter().collect();
+    tracing::info!("next:\n  {}", steps.join("\n  "));
+}
+
 /// Starts the progress of `steps` steps; silent if notes are.
 pub(crate) fn work(title: &str, steps: u64) -> Work {
     let is_quiet = is_quiet();

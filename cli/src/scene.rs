@@ -206,8 +206,11 @@ pub(crate) fn refuse_transparent_layers(views: &ViewOptions, layers: &[Layer]) -
 fn open_model(path: &Path, low_pass: Option<LowPass>) -> Result<Model, Failure> {
     let mut model = model_folder::open(path).map_err(|error| match (&error, models_in(path).as_slice()) {
         (Error::NoModel { .. }, [first, others @ ..]) => {
-            let also = if others.is_empty() { String::new() } else { format!(", or one of {others:?}") };
-            Failure::Input(format!("{path:?} is not a model, but contains some; open {first:?}{also}"))
+            let (models, also) = match others {
+                [] => ("one", String::new()),
+                _ => ("several", format!(", or one of {others:?}")),
+            };
+            Failure::Input(format!("{path:?} is not a model, but contains {models}; open {first:?}{also}"))
         }
         (Error::NoModel { .. }, []) if dataset::is_dataset(path) => {
             let name = shown(path);
@@ -315,15 +318,27 @@ pub(crate) fn measure_held_out(
 /// Lat-long map from a file, times two to the power of the exposure. Values that are not a radiance
 /// are replaced and logged.
 pub(crate) fn read_env(path: &Path, exposure: f32) -> Result<LatLong, Failure> {
-    let (mut map, warnings) = light_file::read(light_input(path)?)?;
+    let read = light_file::read(light_input(path)?);
+    let (mut map, warnings) = read.map_err(|error| match error {
+        SceneError::File(Error::Image { cause, .. }) => not_a_light(path, &format!(" that can be read ({cause})")),
+        error => error.into(),
+    })?;
     warnings.iter().for_each(|warning| tracing::info!("{warning}"));
     map.rgb.iter_mut().for_each(|radiance| *radiance *= exposure.exp2());
     budget::radiance(path, &map.rgb)?;
     Ok(map)
 }
 
+fn not_a_light(path: &Path, what: &str) -> Failure {
+    let names = LIGHTS.join(", ");
+    Failure::Input(format!("{path:?} is no environment map{what}; name a .hdr or .exr file, or {names}"))
+}
+
 /// Map of a file, or else one that the program contains.
 pub(crate) fn light_input(path: &Path) -> Result<Input<'_>, Failure> {
+    if path.is_dir() {
+        return Err(not_a_light(path, ", but a folder"));
+    }
     if path.exists() || path.extension().is_some() {
         return Ok(Input::file(path));
     }

@@ -229,7 +229,7 @@ impl Observer for Session<'_> {
             live.record(iteration, training.seconds(), psnr, count);
         }
         let message = || {
-            let psnr = psnr.map_or(String::new(), |psnr| format!("PSNR {psnr:.2} dB, "));
+            let psnr = psnr.map_or(String::new(), |psnr| format!("{psnr:.2} dB on training pictures, "));
             format!("{psnr}{} Gaussians", group_digits(count))
         };
         let Some(work) = &self.work else { return };

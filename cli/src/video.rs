@@ -144,7 +144,14 @@ impl Video {
 ///
 /// ffmpeg cannot be started or fails.
 pub(crate) fn finish(video: Option<&Video>, folder: &PictureFolder) -> Result<(), Failure> {
-    let Some(video) = video else { return output::say(&shown(&folder.path)) };
+    let Some(video) = video else {
+        let animation = folder.animation();
+        if animation.is_file() {
+            let animation = shown(&animation);
+            tracing::info!("{animation} is animated in browsers; -o turn.mp4 or turn.webp writes a video instead");
+        }
+        return output::say(&shown(&folder.path));
+    };
     video.encode(folder)?;
     output::say(&shown(&video.path))
 }

@@ -31,7 +31,8 @@ use std::path::PathBuf;
 /// albedo as colour and, in .ply and .glb, normals, metalness and roughness. The error of the
 /// exported files is measured against pictures by specula and printed in dB.
 ///
-/// Positions and directions are those of the data set's world, unless --upright is given.
+/// Positions and directions are those of the data set's world, unless --upright is given; in .glb,
+/// .usda and .usdz a node turns them upright.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:

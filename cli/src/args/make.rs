@@ -16,7 +16,7 @@ use std::path::PathBuf;
 Examples:
   specula make walk.mov -o out/vase
   specula make photographs -o out/vase --quick
-  specula make photographs -o out/vase --env studio.hdr --sun 30,45 --ground
+  specula make photographs -o out/vase --env studio.hdr --sun 30,45
   specula make photographs -o out/vase --masks silhouettes --best")]
 pub(crate) struct Make {
     /// Videos, and folders of pictures.
@@ -25,7 +25,7 @@ pub(crate) struct Make {
     /// Output folder.
     #[arg(long, short, value_name = "OUT")]
     pub(crate) output: PathBuf,
-    /// A first look: 2000 iterations on pictures of at most 400 pixels along an edge.
+    /// A first look: 2000 iterations on pictures of about 400 pixels along an edge.
     #[arg(long, conflicts_with = "best")]
     pub(crate) quick: bool,
     /// Environment map of each turntable, as relight --env.
@@ -34,7 +34,7 @@ pub(crate) struct Make {
     /// Sun beside the maps, as relight --sun.
     #[arg(long, value_name = "AZ,EL[,STRENGTH[,ANGLE]][:RRGGBB]", allow_hyphen_values = true)]
     pub(crate) sun: Vec<SunChoice>,
-    /// Add ground that catches the shadows.
+    /// Add ground that catches the shadows; always done without masks.
     #[arg(long)]
     pub(crate) ground: bool,
     #[command(flatten)]

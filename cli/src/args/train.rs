@@ -70,6 +70,7 @@ Examples:
   specula train data/drums -m out/drums --config out/chair/config.toml
   specula train data/chair -m out/chair --views-per-step 4 --iterations 7500
   specula train --manifest scenes.toml                    # many scenes, one after another")]
+#[command(allow_negative_numbers = true)]
 pub(crate) struct Train {
     /// Data set folder.
     #[arg(value_name = "DATASET", required_unless_present_any = ["source_path", "resume", "config", "manifest"])]
@@ -369,7 +370,7 @@ pub(crate) struct Start {
     #[arg(long, value_name = "FILE|MEAN|R,G,B")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) light_reference: Option<LightReference>,
-    /// Thing that the light turns with: scene (none), turntable or camera; see docs/datasets.md.
+    /// What the light is fixed to: scene, turntable or camera; see docs/datasets.md.
     #[arg(long, value_name = "WHAT", default_value = LightFollows::Scene.name(), value_parser = light_follows)]
     #[serde(serialize_with = "as_name", skip_serializing_if = "is_still")]
     pub(crate) light_follows: LightFollows,

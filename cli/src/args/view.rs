@@ -40,7 +40,7 @@ pub(crate) struct View {
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
     /// Address to listen on; port 0 selects a free one.
-    #[arg(long, value_name = "[HOST:]PORT", default_value = ADDRESS, value_parser = address)]
+    #[arg(long, alias = "port", value_name = "[HOST:]PORT", default_value = ADDRESS, value_parser = address)]
     pub(crate) listen: SocketAddr,
     /// Access token; generated when listening beyond loopback.
     #[arg(long, value_name = "WORD", value_parser = token)]

@@ -61,7 +61,7 @@ pub(crate) fn run(args: &Demo) -> Result<(), Failure> {
         format!("{name:<8}{}", rest.iter().map(|cell| format!("{cell:>11}")).collect::<String>())
     };
     output::say(&format!("{}\n\nPictures: {}", rows.iter().map(line).collect::<Vec<_>>().join("\n"), shown(&page)))?;
-    tracing::info!("next: {}", next_commands(&args.output));
+    progress::note_next(next_commands(&args.output));
     Ok(())
 }
 
@@ -75,12 +75,13 @@ fn write_ball(folder: &Path) -> Result<(), Failure> {
 }
 
 /// Commands that follow a demo.
-fn next_commands(folder: &Path) -> String {
+fn next_commands(folder: &Path) -> [String; 2] {
     let model = shown(&folder.join(PROFILES[1]));
-    format!(
-        "specula view {model} --env sunset --sun 30,40 --ground, specula relight {model} --env sunset --exposure -1 \
-         --sun 30,40,2.5 --ground --turntable 24 --size 480,480"
-    )
+    let lit = "--sun 30,40,2.5 --ground --turntable 24 --size 480,480";
+    [
+        format!("specula view {model} --env sunset --sun 30,40 --ground"),
+        format!("specula relight {model} --env sunset --exposure -1 {lit}"),
+    ]
 }
 
 /// Trains only the shaded scene; returns the folder of its model.

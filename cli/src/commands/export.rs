@@ -5,6 +5,7 @@ mod page;
 use crate::{
     args::{BakeName, Export, FirstLights, LampOptions, MipName, Prefilter, SchemeName, Up},
     commands::prefilter,
+    dataset::note_guessed_up,
     failure::Failure,
     lights::NamedLights,
     output, progress,
@@ -127,6 +128,9 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         ));
     }
     let page = if has_page { Some(PageLight::new(args, opened.scene.clone(), lights.clone())?) } else { None };
+    if has_page && args.page_env.is_empty() && opened.scene.gaussians.layout.is_physical {
+        tracing::info!("the page offers no other lights; --page-env sunset forest adds some to choose from");
+    }
     if let Some(env) = args.env.as_ref().filter(|_| !formats.iter().all(is_page)) {
         let up = orientation::up(&opened.orientation(args.scene_options.scene_up.map(Into::into))?);
         relight(&mut opened.scene, env, (&args.env_options).into(), up)?;
@@ -138,9 +142,18 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     for path in &args.output {
         output::make_folder(output::folder_of(path))?;
     }
-    let placement = if args.upright { Some(placement(args, &opened)?) } else { None };
+    let up = opened.orientation(args.scene_options.scene_up.map(Into::into))?;
+    let has_node = |format: &ExportFormat| match format {
+        ExportFormat::Gaussians(format) => format.has_node(),
+        format => *format == ExportFormat::TexturedMesh,
+    };
+    if args.upright || formats.iter().any(has_node) {
+        note_guessed_up(&up);
+    }
+    let first = opened.cameras()?.first().map(|(_, camera)| *camera);
+    let placement = args.upright.then_some((up, first));
     let background = background_of(&opened, args.background);
-    let exporter = Exporter { args, background, opened, placement, page, lights };
+    let exporter = Exporter { args, background, opened, up, placement, page, lights };
     let mut baked = Baked::default();
     // Files are written independently: one may fail, the others are still written. Meshes take the
     // longest.
@@ -174,17 +187,16 @@ struct Baked {
 fn format_of(path: &Path, is_mesh: bool) -> Result<ExportFormat, Failure> {
     let expected = ".ply, .splat, .spz, .glb, .usda or .usdz (Gaussians), .glb with --mesh (mesh with materials, for Blender), .obj \
                     (mesh), .hdr, .exr or .ktx2 (light), .html or a slash (page)";
-    if path.is_dir() || path.as_os_str().to_string_lossy().ends_with(std::path::is_separator) {
+    if path.as_os_str().to_string_lossy().ends_with(std::path::is_separator) {
         return Ok(ExportFormat::PageFolder);
+    }
+    if path.is_dir() {
+        return Err(Failure::Input(format!(
+            "{path:?} is a folder; name a file in it, or add a slash to write a page for a web server into it"
+        )));
     }
     let format = ExportFormat::from_extension(&output::ending(path).unwrap_or_default(), is_mesh);
     Ok(format.ok_or_else(|| Error::Ending { path: path.to_owned(), expected })?)
-}
-
-/// Orientation of the scene, and its first camera, which faces it.
-fn placement(args: &Export, opened: &OpenedModel) -> Result<Placement, Failure> {
-    let first = opened.cameras()?.first().map(|(_, camera)| *camera);
-    Ok((opened.orientation(args.scene_options.scene_up.map(Into::into))?, first))
 }
 
 /// Orientation of a scene, and a camera in front of it, if it has any.
@@ -195,7 +207,8 @@ struct Exporter<'a> {
     args: &'a Export,
     opened: OpenedModel,
     background: BackgroundColor,
-    /// Orientation, if the scene is placed upright.
+    up: Orientation,
+    /// Orientation and first camera, if the scene is placed upright.
     placement: Option<Placement>,
     page: Option<PageLight>,
     lights: NamedLights,
@@ -231,11 +244,6 @@ impl Exporter<'_> {
         &self.opened.scene
     }
 
-    /// Up direction of the scene.
-    fn up(&self) -> Result<Vec3, Failure> {
-        Ok(orientation::up(&self.opened.orientation(self.args.scene_options.scene_up.map(Into::into))?))
-    }
-
     fn options(&self) -> RenderOptions {
         (&self.args.scene_options.renderer).into()
     }
@@ -251,6 +259,11 @@ impl Exporter<'_> {
     /// Transform into an upright world with these axes, if requested.
     fn upright(&self, axes: AxisConvention) -> Option<Upright> {
         self.placement.as_ref().map(|(orientation, first)| Upright::new(orientation, first.as_ref(), axes))
+    }
+
+    /// Transform of the node of a file: upright as requested, else only turned to its up axis.
+    fn node(&self, axes: AxisConvention) -> Upright {
+        self.upright(axes).unwrap_or_else(|| Upright::turned(&self.up, axes))
     }
 
     /// Visible Gaussians with harmonics up to this degree, baked if they are shaded.
@@ -287,14 +300,14 @@ impl Exporter<'_> {
         plain: &PlainGaussians,
         references: Option<&ReferencePictures>,
     ) -> Result<(), Failure> {
-        let upright = self.upright(format.axes());
-        let mut comments =
-            vec![PlainGaussians::provenance(self.scene(), self.method(), upright.is_some() && !format.has_node())];
-        comments.extend(self.origin());
-        let stored = plain.write(path, format, self.scene(), upright.as_ref(), &comments)?;
+        let placed = self.upright(format.axes()).filter(|_| !format.has_node());
+        let placement = if format.has_node() { Some(self.node(format.axes())) } else { placed };
+        // Some loaders reject comments. Upright files need none: their axes are those that all viewers assume.
+        let provenance = placed.is_none().then(|| PlainGaussians::provenance(self.scene(), self.method()));
+        let comments: Vec<String> = provenance.into_iter().chain(self.origin()).collect();
+        let stored = plain.write(path, format, self.scene(), placement.as_ref(), &comments)?;
         let mut losses = plain.losses(self.scene(), format, self.method());
         if let Some(references) = references {
-            let placed = upright.filter(|_| !format.has_node());
             let work = progress::work("comparing", references.count() as u64);
             let progress = |done| work.done(done as u64, String::new);
             let error = if self.args.bake == BakeName::Materials {
@@ -423,10 +436,10 @@ impl Exporter<'_> {
         let fused = fusion::fuse_textured(self.scene(), &cameras, size, &self.options(), progress);
         work.finish();
         let Fused { mesh, omitted } = fused?.ok_or_else(|| self.no_surface())?;
-        let placement = self.upright(AxisConvention::YUp).map(|upright| upright.node_transform());
-        let origin = if placement.is_some() { [0.0; 3] } else { self.opened.origin };
-        let lamps = self.lights.lamps(self.up()?);
-        textured::write(path, &mesh, &lamps, placement, origin)?;
+        let placement = self.node(AxisConvention::YUp).node_transform();
+        let origin = if self.placement.is_some() { [0.0; 3] } else { self.opened.origin };
+        let lamps = self.lights.lamps(orientation::up(&self.up));
+        textured::write(path, &mesh, &lamps, Some(placement), origin)?;
         let content = match mesh.surface {
             Some(_) => "base colour, roughness and metalness are means",
             None => {

@@ -19,7 +19,7 @@ use std::{
 /// Pictures of a turntable, and their longer edge in pixels.
 const TURNTABLE: &str = "48";
 const EDGE: u32 = 640;
-/// Longer edge of the pictures of a quick training.
+/// Longer edge of the pictures of a quick training, about.
 const QUICK_EDGE: u32 = 400;
 /// JPEG quality of the photograph.
 const QUALITY: u8 = 88;
@@ -43,12 +43,18 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
         )));
     }
     let mut commands = Commands::new(&args.output);
+    commands.lines.push(capture_line(args, &data));
     if outcome.has_other_masks {
         commands.set_aside(&args.output)?;
     }
     let loaded = progress::silently(|| dataset::load(&data, &LoadOptions::default()))?;
-    let findings = capture::findings(&data, &loaded)?;
-    let has_drift = findings.iter().any(|finding| finding.kind == "exposure");
+    let mut findings = capture::findings(&data, &loaded)?;
+    let mut drift = findings.iter_mut().find(|finding| finding.kind == "exposure");
+    if let Some(drift) = &mut drift {
+        drift.remedy =
+            "the training fits colours of each (--exposure); lock exposure and white balance for better ones";
+    }
+    let has_drift = drift.is_some();
     let findings: Vec<String> = findings.iter().map(capture::sentence).collect();
     findings.iter().for_each(|finding| tracing::warn!("{finding}"));
 
@@ -65,13 +71,10 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     commands.run(&["eval", &text(&model)])?;
     let size = size_of(&loaded);
     // Surroundings that no mask cuts out would reflect the object as a mirror.
-    let crop: &[&str] = match (capture::material_options(&loaded).is_empty(), args.ground) {
-        (true, _) => &[],
-        (_, true) => &["--crop", "object"],
-        _ => &["--crop", "auto"],
-    };
+    let is_cut_out = capture::material_options(&loaded).is_empty();
+    let crop: &[&str] = if is_cut_out { &[] } else { &["--crop", "object"] };
     let mut lights: Vec<String> = args.sun.iter().flat_map(|sun| ["--sun".to_owned(), sun.to_string()]).collect();
-    lights.extend(args.ground.then(|| "--ground".to_owned()));
+    lights.extend((args.ground || !is_cut_out).then(|| "--ground".to_owned()));
     let common: Vec<&str> = crop.iter().copied().chain(lights.iter().map(String::as_str)).collect();
     let has_ffmpeg = specula_capture::has_ffmpeg();
     let mut figures: Vec<Figure> = photograph(&loaded).into_iter().collect();
@@ -86,7 +89,8 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
         let relight = ["relight", &text(&model), "--env", &light];
         commands.write(&file, &[&relight[..], &common, &turntable].concat())?;
         let bytes = fs::read(&file).map_err(|cause| specula_io::Error::Read { path: file.clone(), cause })?;
-        figures.push(Figure { caption: format!("under {name}"), bytes, format });
+        let sun = if args.sun.is_empty() { "" } else { " and a sun" };
+        figures.push(Figure { caption: format!("under {name}{sun}"), bytes, format });
     }
     let scene = folder("scene.html");
     let maps: Vec<String> = args.env.iter().map(|map| text(map)).collect();
@@ -98,7 +102,10 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
 
     let mut facts = vec![["cameras".to_owned(), format!("{} of {} pictures", outcome.registered, outcome.pictures)]];
     facts.push(["iterations".into(), iterations.to_string()]);
-    facts.extend(psnr_of(&model, iterations).map(|psnr| ["PSNR of held-out pictures".into(), format!("{psnr:.2} dB")]));
+    facts.extend(
+        psnr_of(&model, iterations)
+            .map(|psnr| ["PSNR of held-out pictures".into(), format!("{psnr:.2} dB (25 is fair, 30 good)")]),
+    );
     let made = Made {
         title: output::stem(&args.output),
         figures,
@@ -109,7 +116,27 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     };
     let page = folder("index.html");
     output::write_text(&page, &made.html()?)?;
-    output::say(&format!("Page: {}", shown(&page)))
+    output::say(&format!("Page: {}", shown(&page)))?;
+    let steps = [
+        (args.sun.is_empty(), "a sun: the same with --sun 30,45"),
+        (!is_cut_out, "only the object, and all around it: --masks FOLDER"),
+        (args.quick, "a sharper model: the same without --quick"),
+    ];
+    let steps = steps.into_iter().filter(|(is_open, _)| *is_open).map(|(_, step)| step.to_owned());
+    let view = command_text(["specula", "view", &text(&model)]);
+    progress::note_next(steps.chain([view]));
+    Ok(())
+}
+
+/// Command line of the capture.
+fn capture_line(Make { inputs, capture, .. }: &Make, data: &Path) -> String {
+    let mut words: Vec<String> = ["specula", "capture"].map(str::to_owned).into();
+    words.extend(inputs.iter().map(|input| text(input)));
+    words.extend(capture.masks.iter().flat_map(|masks| ["--masks".to_owned(), text(masks)]));
+    words.extend(capture.mask_with.iter().flat_map(|command| ["--mask-with".to_owned(), command.clone()]));
+    words.extend(capture.best.then(|| "--best".to_owned()));
+    words.extend(["-o".to_owned(), text(data)]);
+    command_text(words.iter().map(String::as_str))
 }
 
 /// Names of the turntables: those of the maps, with a number if one repeats.
@@ -183,7 +210,10 @@ impl Commands {
         let line = line_of(words);
         tracing::info!("{line}");
         self.lines.push(line);
-        run_words(["specula"].iter().chain(words).map(Into::into).collect())
+        match run_words(["specula"].iter().chain(words).map(Into::into).collect()) {
+            Err(Failure::Interrupted(_)) => Err(Failure::Interrupted("interrupted; the same command continues".into())),
+            done => done,
+        }
     }
 
     /// Writes a file, unless this command has written it.
@@ -200,27 +230,35 @@ impl Commands {
 
     /// Trains, or continues a training, unless the model is there.
     fn train(&mut self, data: &Path, model: &Path, iterations: u32, options: &[String]) -> Result<(), Failure> {
+        let name = text(model);
+        let trained = self.made.get(&name).cloned();
         if model_folder::latest_iteration(model).is_ok_and(|latest| latest >= iterations) {
+            self.lines.extend(trained);
             return Ok(());
         }
         // Turntables and the page are those of another model.
         self.made.clear();
-        self.save()?;
         if checkpoint::path_in(model).is_file() {
-            return self.run(&["train", "-m", &text(model), "--resume"]);
+            self.made.extend(trained.map(|line| (name.clone(), line)));
+            self.save()?;
+            return self.run(&["train", "-m", &name, "--resume"]);
         }
-        let iterations = iterations.to_string();
-        let (data, model) = (text(data), text(model));
-        let words = ["train", &data, "-m", &model, "--eval", "--overwrite", "--iterations", &iterations];
-        self.run(&words.into_iter().chain(options.iter().map(String::as_str)).collect::<Vec<_>>())
+        let (iterations, data) = (iterations.to_string(), text(data));
+        let words = ["train", &data, "-m", &name, "--eval", "--overwrite", "--iterations", &iterations];
+        let words: Vec<&str> = words.into_iter().chain(options.iter().map(String::as_str)).collect();
+        self.made.insert(name.clone(), line_of(&words));
+        self.save()?;
+        self.run(&words)
     }
 }
 
 /// Options of the training.
 fn training_options(args: &Make, data: &Dataset) -> Vec<String> {
-    let factor = |edge: u32| [1, 2, 4, 8].into_iter().find(|factor| data.width_max() / factor <= edge).unwrap_or(8);
+    let distance = |factor: u32| (f64::from(data.width_max()) / f64::from(factor * QUICK_EDGE)).ln().abs();
+    let factors = [1, 2, 4, 8].into_iter();
+    let quick = factors.min_by(|one, other| distance(*one).total_cmp(&distance(*other))).expect("there are factors");
     let resolution = match (args.quick, args.capture.best) {
-        (true, _) => factor(QUICK_EDGE).to_string(),
+        (true, _) => quick.to_string(),
         (_, true) => "-1".into(),
         _ => "auto".into(),
     };

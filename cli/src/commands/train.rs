@@ -221,10 +221,8 @@ fn within_minutes(
     let same = settings.clone();
     let iterations = pace::iterations_within(minutes, same, &args.executor, pictures, points, &cameras, profile_at)?;
     let args = Train { iterations, ..args };
-    // What there is to say of the profile was said.
-    let silent = tracing::subscriber::NoSubscriber::default();
-    let profile = || under_lights(&args, profile_of(&args, data)?, data);
-    let profile = tracing::subscriber::with_default(silent, profile)?;
+    // Its notes were printed for the first profile.
+    let profile = progress::silently(|| under_lights(&args, profile_of(&args, data)?, data))?;
     Ok((args, Settings { profile, iterations, ..settings }))
 }
 

@@ -2,6 +2,7 @@
 
 use crate::{
     args::{Train, View, ViewUntil},
+    dataset::note_guessed_up,
     failure::Failure,
     interrupt,
     lights::NamedLights,
@@ -23,6 +24,7 @@ pub(crate) fn run(args: &View) -> Result<(), Failure> {
     let lights = NamedLights::first(&args.first, &opened.scene)?;
     let background = background_of(&opened, args.background).0;
     let orientation = opened.orientation(args.scene_options.scene_up.map(Into::into))?;
+    note_guessed_up(&orientation);
     let photographs = photographs_of(&opened);
     let scene = ViewedScene::of_model(output::name_of_model(&args.scene), opened)?;
     let scene = ViewedScene { orientation, photographs, background, ..scene };

@@ -336,10 +336,11 @@ fn a_training_says_where_it_computes_and_what_comes_next() {
     let stderr = train(&tiny, "my model").args(["--executor", "cpu", "--threads", "2"]).assert().success();
     let stderr = String::from_utf8(stderr.get_output().stderr.clone()).unwrap();
     assert!(stderr.contains("training on the CPU, 2 threads\n"), "{stderr}");
-    let last = stderr.lines().last().unwrap();
+    let (_, next) = stderr.split_once("specula: next:\n").expect("there is more to do");
     let model = tiny.path("my model");
-    assert!(last.starts_with(&format!("specula: next: specula view '{}', ", model.display())), "{last}");
-    assert!(last.contains("specula relight"), "a shaded scene can be put under another light: {last}");
+    let mut lines = next.lines();
+    assert_eq!(lines.next(), Some(&*format!("  specula view '{}'", model.display())), "{next}");
+    assert!(lines.any(|line| line.starts_with("  specula relight ")), "a shaded scene takes another light: {next}");
 }
 
 #[test]

@@ -18,6 +18,8 @@ const SHARPNESS_MIN: f32 = 0.28;
 const BLURRED: f32 = 0.75;
 /// Ratio of brightness between the tenth and the ninetieth hundredth of the pictures.
 const EXPOSURE_MAX: f32 = 1.6;
+/// Least number of pictures of an object.
+const PICTURES_MIN: usize = 30;
 /// Largest angle around the object without a camera, in degrees.
 const GAP_MAX: f64 = 100.0;
 /// Number of points whose rays are measured.
@@ -72,6 +74,13 @@ pub fn findings(evidence: &Evidence<'_>) -> Vec<Finding> {
         Some(model) => of_reconstruction(model, evidence.pictures, evidence.lost),
         None => Vec::new(),
     };
+    if (1..PICTURES_MIN).contains(&evidence.pictures) {
+        found.push(Finding {
+            kind: "few",
+            cause: format!("there are only {} pictures", evidence.pictures),
+            remedy: "take 50 to 150, from all around: with few, views between them are poor however well these are fitted",
+        });
+    }
     found.extend(of_looks(evidence.looks));
     found.extend(gap(evidence));
     found
@@ -199,7 +208,7 @@ fn gap(evidence: &Evidence<'_>) -> Option<Finding> {
     let widest = gaps.fold(first + 360.0 - last, f64::max);
     (azimuths.len() >= 3 && widest > GAP_MAX).then(|| Finding {
         kind: "coverage",
-        cause: format!("no camera is in a sector of {widest:.0}° around the object"),
+        cause: format!("no picture was taken from {widest:.0}° of the circle around the object"),
         remedy: "add pictures from there, or expect nothing behind it: turntables go back and forth in front of it",
     })
 }
@@ -240,12 +249,12 @@ mod tests {
 
     #[test]
     fn a_good_capture_has_no_finding() {
-        let positions = circle(24, 1.0);
+        let positions = circle(36, 1.0);
         let model = model(&positions);
-        let looks = vec![look(0.4, 0.5); 24];
+        let looks = vec![look(0.4, 0.5); 36];
         let orientation = Some(([0.0, 0.0, 1.0], [0.0; 3]));
         let evidence = Evidence {
-            pictures: 24,
+            pictures: 36,
             reconstruction: Some(&model),
             looks: &looks,
             orientation,
@@ -257,25 +266,26 @@ mod tests {
 
     #[test]
     fn each_fault_has_its_finding() {
-        let positions = circle(24, 1.0);
+        let positions = circle(36, 1.0);
         let good = model(&positions);
         let of = |pictures: usize, model: &Reconstruction| {
             kinds(&Evidence { pictures, reconstruction: Some(model), ..Evidence::default() })
         };
-        assert_eq!(of(40, &good), ["registered"]);
+        assert_eq!(of(60, &good), ["registered"]);
         let lost = ["a.jpg", "b.jpg"].map(str::to_owned);
-        let few = Evidence { pictures: 40, lost: &lost, reconstruction: Some(&good), ..Evidence::default() };
-        assert!(findings(&few)[0].cause.ends_with("24 of 40 pictures have a camera, not a.jpg, b.jpg"));
-        assert_eq!(of(24, &Reconstruction { others: vec![10], ..good.clone() }), ["models"]);
+        let few = Evidence { pictures: 60, lost: &lost, reconstruction: Some(&good), ..Evidence::default() };
+        assert!(findings(&few)[0].cause.ends_with("36 of 60 pictures have a camera, not a.jpg, b.jpg"));
+        assert_eq!(of(36, &Reconstruction { others: vec![15], ..good.clone() }), ["models"]);
         let turned: Vec<_> = positions.iter().map(|[x, y, _]| [4.0 + 0.01 * x, 0.01 * y, 0.0]).collect();
-        assert_eq!(of(24, &model(&turned)), ["baseline"]);
+        assert_eq!(of(36, &model(&turned)), ["baseline"]);
         let mut noisy = good.clone();
         noisy.tracks.iter_mut().for_each(|track| (track.error, track.pictures) = (2.5, vec![0, 12]));
-        assert_eq!(of(24, &noisy), ["error", "tracks"]);
+        assert_eq!(of(36, &noisy), ["error", "tracks"]);
         let blurred = vec![look(0.26, 0.5); 12];
         assert_eq!(kinds(&Evidence { looks: &blurred, ..Evidence::default() }), ["blur"]);
         let drifting: Vec<_> = (0..12).map(|k| look(0.4, 0.2 + 0.04 * k as f32)).collect();
         assert_eq!(kinds(&Evidence { looks: &drifting, ..Evidence::default() }), ["exposure"]);
+        assert_eq!(of(20, &model(&circle(20, 1.0))), ["few"]);
         let half = circle(24, 0.5);
         let orientation = Some(([0.0, 0.0, 1.0], [0.0; 3]));
         assert_eq!(kinds(&Evidence { orientation, positions: &half, ..Evidence::default() }), ["coverage"]);

@@ -51,6 +51,12 @@ pub fn assumed_axes(path: &Path) -> &'static str {
     }
 }
 
+/// Up direction that viewers assume of a file without cameras ([`assumed_axes`]).
+pub fn assumed_up(path: &Path) -> [f64; 3] {
+    let is_y_up = glb::is_gltf(path) || matches!(format_of(path), Ok(Format::Spz));
+    [0.0, if is_y_up { 1.0 } else { -1.0 }, 0.0]
+}
+
 /// Findings on a file of Gaussians: PLY, `.spz`, `.splat` or glTF. Other files have none.
 ///
 /// # Errors

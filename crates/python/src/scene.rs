@@ -191,9 +191,10 @@ impl Scene {
                 }
                 false => None,
             };
-            let provenance = PlainGaussians::provenance(&opened.scene, BakeMethod::Harmonics, upright.is_some());
+            let provenance =
+                upright.is_none().then(|| PlainGaussians::provenance(&opened.scene, BakeMethod::Harmonics));
             let origin = origin::comment(opened.origin).filter(|_| upright.is_none());
-            let comments: Vec<String> = [provenance].into_iter().chain(origin).collect();
+            let comments: Vec<String> = provenance.into_iter().chain(origin).collect();
             plain.write(&path, format, &opened.scene, upright.as_ref(), &comments)?;
             Ok(())
         })?)

@@ -55,6 +55,7 @@ impl Contents {
         if let Some(info) = &opened.info {
             contents.add("training", training(info), json!(info));
         }
+        contents.add_materials(layout);
         contents.add_light_names(opened)?;
         contents.add_exposures(opened)?;
         contents.add_origin(opened.origin);
@@ -225,6 +226,16 @@ impl Contents {
         let [nodes, triangles, vertices] = near_field.sizes();
         let text = format!("{} triangles that reflected rays may hit", group_digits(triangles));
         self.add("near field", text, json!({"nodes": nodes, "triangles": triangles, "vertices": vertices}));
+    }
+
+    /// Adds what another light changes.
+    fn add_materials(&mut self, layout: Layout) {
+        let text = match (layout.is_physical, layout.is_shaded()) {
+            (true, _) => "physical: environments, suns and lamps light them",
+            (false, true) => "none: another environment changes reflections only (train with --relightable)",
+            (false, false) => "none: colours contain the light",
+        };
+        self.add("materials", text.to_owned(), layout.is_physical.into());
     }
 
     /// Adds the data that rendering colours skips, and the savings.

@@ -40,13 +40,14 @@ use crate::{
     plain::{opacity, subset, unfiltered},
     upright::{AxisConvention, Upright},
 };
+use glam::Vec4;
 use serde_json::json;
 use specula_core::{
     antialias::LowPass,
     camera::Camera,
     cull::CullReason,
     executor::ReadBack,
-    scene::{Environment, Gaussians, Layout},
+    scene::{Environment, Gaussians, Layout, QUAT},
     shade::ShadingRules,
 };
 use specula_io::{
@@ -215,7 +216,8 @@ impl PlainGaussians {
         progress: impl FnMut(usize, usize),
     ) -> core::result::Result<Self, E::Error> {
         let layout = scene.gaussians.layout;
-        let gaussians = unfiltered(&subset(&scene.gaussians, &kept, layout));
+        let mut gaussians = unfiltered(&subset(&scene.gaussians, &kept, layout));
+        normalise(&mut gaussians);
         if !layout.is_shaded() {
             let truncated = Layout::radiance(layout.sh_degree.unwrap_or(0).min(degree));
             let all: Vec<usize> = (0..gaussians.count).collect();
@@ -245,7 +247,7 @@ impl PlainGaussians {
         }
     }
 
-    /// Writes a file, upright if requested, and returns the Gaussians as a reader of the format
+    /// Writes a file, placed upright or as it is, and returns the Gaussians as a reader of the format
     /// decodes them. `scene` is the scene of the Gaussians; its shading is written to `.glb`,
     /// `comments` to `.ply`, and an origin in the comments to `.glb`.
     ///
@@ -306,15 +308,14 @@ impl PlainGaussians {
     }
 
     /// Comment of a file on the origin of its Gaussians: scene and baking method.
-    pub fn provenance(scene: &Scene, method: BakeMethod, is_upright: bool) -> String {
+    pub fn provenance(scene: &Scene, method: BakeMethod) -> String {
         let content = match (scene.gaussians.layout.is_shaded(), method) {
             (false, _) => "plain Gaussians",
             (true, BakeMethod::Harmonics) => "a shading function, baked into spherical harmonics",
             (true, BakeMethod::Diffuse) => "the diffuse colour of a shading function",
             (true, BakeMethod::Materials) => "the albedo of physical materials",
         };
-        let upright = if is_upright { UPRIGHT_COMMENT } else { "" };
-        format!("exported by specula {}: {content}{upright}", env!("CARGO_PKG_VERSION"))
+        format!("exported by specula {}: {content}", env!("CARGO_PKG_VERSION"))
     }
 
     /// Sentence on the differences between a file and the scene of its Gaussians.
@@ -424,7 +425,18 @@ fn dome(light: &Environment<Vec<f32>>) -> LatLong {
     latlong::from_cube(&radiance(light), light.resolution, 2 * height, height, usd::dome_orientation())
 }
 
-/// End of the comment of files with upright scenes.
+/// Normalises quats, except for roundings: some viewers stretch the splats of others.
+fn normalise(gaussians: &mut Gaussians<Vec<f32>>) {
+    const ROUNDING: f32 = 1e-3;
+    for index in 0..gaussians.count {
+        let quat = Vec4::from(gaussians.get::<4>(index, QUAT));
+        if let Some(unit) = quat.try_normalize().filter(|_| (quat.length() - 1.0).abs() > ROUNDING) {
+            gaussians.set(index, QUAT, unit.to_array());
+        }
+    }
+}
+
+/// End of the comment of upright files by earlier versions.
 pub(crate) const UPRIGHT_COMMENT: &str = ", upright: y is down";
 
 /// Indices of the Gaussians that are finite and have this opacity, from 0 to 1, or more.

@@ -12,11 +12,15 @@ pub(crate) fn framing(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
     (centre, 1.2 * radius / (0.5 * FIELD_OF_VIEW_RAD).sin())
 }
 
-/// Median of the means, and the 0.9 quantile of their distances from it; 1 if that is 0.
+/// Centre of the box of the means, and the 0.95 quantile of their distances from it; 1 if that is
+/// 0. The box leaves out a twentieth of the means on each side.
 fn extent(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
-    const SHARE: f32 = 0.9;
-    let median = |plane: usize| quantile(gaussians.plane(plane).collect(), 0.5);
-    let centre = Vec3::new(median(MEAN), median(MEAN + 1), median(MEAN + 2));
+    const SHARE: f32 = 0.95;
+    let middle = |plane: usize| {
+        let [low, high] = [1.0 - SHARE, SHARE].map(|share| quantile(gaussians.plane(plane).collect(), share));
+        low.midpoint(high)
+    };
+    let centre = Vec3::new(middle(MEAN), middle(MEAN + 1), middle(MEAN + 2));
     let distance = |index: usize| Vec3::from(gaussians.get::<3>(index, MEAN)).distance(centre);
     let radius = quantile((0..gaussians.count).map(distance).collect(), SHARE);
     (centre, if radius > 0.0 { radius } else { 1.0 })

@@ -1,7 +1,7 @@
 //! Meshes of a scene by volumetric fusion ([`specula_mesh::fusion`]), with colours at vertices or
 //! with textures of its materials.
 
-use crate::{RenderOptions, Scene, SceneError, SceneRenderer, Shading};
+use crate::{RenderOptions, Scene, SceneError, SceneRenderer, Shading, number::group_digits};
 use glam::Vec3;
 use specula_core::{
     activation::{logit, sigmoid},
@@ -195,7 +195,8 @@ impl<P: FnMut(usize, usize)> Views<'_, P> {
             }
             None => vec![[0.0; 3]; mesh.positions.len()],
         };
-        tracing::info!("simplifying {} triangles to {count_max}", mesh.triangles.len());
+        let [from, to] = [mesh.triangles.len(), count_max].map(group_digits);
+        tracing::info!("simplifying {from} triangles to {to}");
         Ok(simplified(aligned(&mesh, &normals), count_max).with_own_normals())
     }
 

@@ -22,6 +22,7 @@ use specula_io::{
     cameras::{self, NamedCamera},
     exposure::{self, Exposures},
     glb,
+    lint::assumed_up,
     model_folder::{self, Model, ModelInfo},
     orientation::{Orientation, UpSource},
     origin, within,
@@ -86,9 +87,11 @@ impl OpenedModel {
         sort_in_space(&mut gaussians);
         // Files that were exported upright have y down, the convention of splat viewers.
         let is_y_down = model.comments.iter().any(|comment| comment.ends_with(UPRIGHT_COMMENT));
-        let up_of_file = is_y_down.then(|| Orientation {
-            up: [0.0, -1.0, 0.0],
-            up_source: UpSource::File,
+        // Files of other programs have the axes that viewers assume.
+        let is_foreign = model.info.is_none() && !model.comments.iter().any(|comment| comment.contains("specula"));
+        let up_of_file = (is_y_down || is_foreign).then(|| Orientation {
+            up: if is_y_down { [0.0, -1.0, 0.0] } else { assumed_up(path) },
+            up_source: if is_y_down { UpSource::File } else { UpSource::Nothing },
             ..of_gaussians(&gaussians)
         });
         Self {

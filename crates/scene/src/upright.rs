@@ -60,6 +60,14 @@ impl Upright {
         Self { similarity: Similarity { rotation: axes.rotation() * y_up, scale, centre, translation: DVec3::ZERO } }
     }
 
+    /// Only the rotation to the up axis: −y of a world with +z up becomes the front. Positions keep
+    /// their origin and scale.
+    pub fn turned(orientation: &Orientation, axes: AxisConvention) -> Self {
+        let Similarity { rotation, .. } = Self::new(orientation, None, axes).similarity;
+        let similarity = Similarity { rotation, scale: 1.0, centre: DVec3::ZERO, translation: DVec3::ZERO };
+        Self { similarity }
+    }
+
     /// Point, transformed.
     pub fn point(&self, point: [f32; 3]) -> [f32; 3] {
         self.similarity.point(point)

@@ -168,13 +168,15 @@ fn thrown(error: ViewerError) -> JsValue {
 fn sentence(error: &GpuError) -> String {
     match error {
         GpuError::NoAdapter { .. } => {
-            "This browser has WebGPU, but no graphics adapter for it, so the scene stands still.".to_owned()
+            "This browser has WebGPU, but no graphics adapter for it, so only a still picture is shown.".to_owned()
         }
         GpuError::NoDevice { reason, .. } => {
             format!("the graphics adapter gives no device ({reason}); reload the page")
         }
         GpuError::TooLimited { reason, .. } => {
-            format!("the graphics adapter allows less than WebGPU's defaults, so the scene stands still: {reason}")
+            format!(
+                "the graphics adapter allows less than WebGPU's defaults, so only a still picture is shown: {reason}"
+            )
         }
         GpuError::OutOfMemory => {
             "the graphics device has no memory left; close other pages, or make the window smaller".to_owned()

@@ -69,7 +69,7 @@ impl Exporter<'_> {
 
     /// Environment maps to choose from.
     fn page_lights(&self, maps: &[(PathBuf, MapUp)], exposure: f32) -> Result<Vec<PackedLight>, Failure> {
-        let up = self.up()?;
+        let up = specula_scene::orientation::up(&self.up);
         let resolution = self.scene().resolution_of_others();
         let read = |(file, map_up): &(PathBuf, MapUp)| {
             let map_up = *map_up;

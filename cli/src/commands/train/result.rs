@@ -145,7 +145,7 @@ pub(super) fn finish(
     let facts = format!("{} Gaussians, {iteration} iterations, {seconds:.0} s{}", group_digits(count), peak_memory());
     if !args.eval {
         output::say(&facts)?;
-        tracing::info!("{}", next_commands(args, &scene, is_object));
+        progress::note_next(next_commands(args, &scene, is_object));
         return Ok(());
     }
     let next = next_commands(args, &scene, is_object);
@@ -171,7 +171,7 @@ pub(super) fn finish(
     let albedo = materials.and_then(|materials| materials.albedo_scale).map(albedo_summary);
     let lines = iter::once(first).chain(albedo).chain(light.as_ref().map(LightQuality::summary));
     output::say(&lines.collect::<Vec<_>>().join("\n"))?;
-    tracing::info!("{next}");
+    progress::note_next(next);
     Ok(())
 }
 
@@ -188,17 +188,18 @@ fn measured_light(args: &Train, scene: &Scene, info: &ModelInfo, views: &Views<'
     }
 }
 
-/// Note with commands for a trained model.
-fn next_commands(args: &Train, scene: &Scene, is_object: bool) -> String {
+/// Commands for a trained model.
+fn next_commands(args: &Train, scene: &Scene, is_object: bool) -> Vec<String> {
     let model = shell_word(&args.model_path.to_string_lossy());
     let options = match (scene.gaussians.layout.is_physical, scene.light.is_some()) {
-        (true, _) if is_object => " --sun 30,45 --ground",
-        (true, _) => " --crop auto",
-        (false, true) => "",
-        (false, false) => return format!("next: specula view {model}, specula render {model} --turntable 36"),
+        (true, _) if is_object => Some(" --sun 30,45 --ground"),
+        (true, _) => Some(" --crop object --ground"),
+        (false, true) => Some(""),
+        (false, false) => None,
     };
-    let relight = format!(", specula relight {model} --env sunset{options}");
-    format!("next: specula view {model}, specula render {model} --turntable 36{relight}")
+    let mut commands = vec![format!("specula view {model}"), format!("specula render {model} --turntable 36")];
+    commands.extend(options.map(|options| format!("specula relight {model} --env sunset{options}")));
+    commands
 }
 
 /// Text as a word of a shell.

@@ -103,7 +103,7 @@ impl fmt::Display for PictureError {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { views, psnr } = self;
         match psnr {
-            None => write!(out, "{views} pictures of it are specula's own"),
+            None => write!(out, "its pictures equal specula's own ({views} views)"),
             Some(psnr) => write!(out, "PSNR {psnr:.2} dB against specula's own pictures ({views} views)"),
         }
     }

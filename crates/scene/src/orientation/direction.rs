@@ -67,12 +67,17 @@ pub fn description(orientation: &Orientation) -> String {
             format!("up is assumed to be {up}: {cameras} cameras are too similar to determine it")
         }
         (UpSource::Level, Some(error)) => {
-            format!("up is {up} within {error:.1}°, or the opposite, from {cameras} cameras{rolled}")
+            format!("up is {up} within {}°, or the opposite, from {cameras} cameras{rolled}", shown_error(*error))
         }
         (UpSource::Upright | UpSource::Height, Some(error)) => {
-            format!("up is {up} within {error:.1}°, from {cameras} cameras{rolled}")
+            format!("up is {up} within {}°, from {cameras} cameras{rolled}", shown_error(*error))
         }
     }
+}
+
+/// Error with a digit, rounded up to one.
+fn shown_error(degrees: f64) -> String {
+    format!("{:.1}", degrees.max(0.1))
 }
 
 /// Name of an axis; components of another direction.
