@@ -58,8 +58,7 @@ pub(crate) fn silently<T>(f: impl FnOnce() -> T) -> T {
 
 /// Prints what can be done next, a line each.
 pub(crate) fn note_next(steps: impl IntoIterator<Item = String>) {
-    let steps: Vec<String> = steps.into_iter().collect();
-    tracing::info!("next:\n  {}", steps.join("\n  "));
+    steps.into_iter().for_each(|step| tracing::info!("next: {step}"));
 }
 
 /// Starts the progress of `steps` steps; silent if notes are.

@@ -407,7 +407,9 @@ fn a_stage_has_the_scene_its_materials_and_its_light() {
     for line in [
         "defaultPrim = \"Scene\"",
         "metersPerUnit = 1",
-        "upAxis = \"Z\"",
+        "upAxis = \"Y\"",
+        "quatd xformOp:orient = (",
+        "xformOp:scale = (1, 1, 1)",
         "uniform int radiance:sphericalHarmonicsDegree = 0",
         "asset inputs:texture:file = @./ball.light.exr@ (",
     ] {

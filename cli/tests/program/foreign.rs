@@ -67,8 +67,8 @@ is_upright = "upright" in path
 degree = 2 if is_upright else 0
 assert stage.GetDefaultPrim().GetPath() == "/Scene"
 assert UsdGeom.GetStageMetersPerUnit(stage) == 1
-assert UsdGeom.GetStageUpAxis(stage) == ("Y" if is_upright else "Z")
-assert len(UsdGeom.Xformable(stage.GetDefaultPrim()).GetOrderedXformOps()) == (3 if is_upright else 0)
+assert UsdGeom.GetStageUpAxis(stage) == "Y"
+assert len(UsdGeom.Xformable(stage.GetDefaultPrim()).GetOrderedXformOps()) == 3
 splats = stage.GetPrimAtPath("/Scene/Gaussians")
 assert splats.GetTypeName() == "ParticleField3DGaussianSplat" and splats.IsA("Gprim")
 of = lambda name: splats.GetAttribute(name).Get()

@@ -184,18 +184,18 @@ impl Scene {
                 return Err(Failure::input(format!("{path:?} is a file of the model itself; name another")));
             }
             let plain = baked(opened, sh_degree.min(format.degree_max()), min_opacity)?;
-            let upright = match upright {
-                true => {
-                    let first = opened.cameras()?.first().map(|(_, camera)| *camera);
-                    Some(Upright::new(&opened.orientation(None)?, first.as_ref(), format.axes()))
-                }
-                false => None,
+            let first = opened.cameras()?.first().map(|(_, camera)| *camera);
+            let orientation = opened.orientation(None)?;
+            let placement = match (upright, format.has_node()) {
+                (true, _) => Some(Upright::new(&orientation, first.as_ref(), format.axes())),
+                (false, true) => Some(Upright::turned(&orientation, format.axes())),
+                (false, false) => None,
             };
-            let provenance =
-                upright.is_none().then(|| PlainGaussians::provenance(&opened.scene, BakeMethod::Harmonics));
-            let origin = origin::comment(opened.origin).filter(|_| upright.is_none());
+            let is_commented = !upright || format.has_node();
+            let provenance = is_commented.then(|| PlainGaussians::provenance(&opened.scene, BakeMethod::Harmonics));
+            let origin = origin::comment(opened.origin).filter(|_| !upright);
             let comments: Vec<String> = provenance.into_iter().chain(origin).collect();
-            plain.write(&path, format, &opened.scene, upright.as_ref(), &comments)?;
+            plain.write(&path, format, &opened.scene, placement.as_ref(), &comments)?;
             Ok(())
         })?)
     }

@@ -89,6 +89,7 @@ async function start() {
     if (layer !== "rgb" || backdrop) return [0, 0, 0];
     return ground && scene.background.every((channel) => channel === 0) ? [1, 1, 1] : scene.background;
   };
+  stream.onwait = () => (element("status").textContent = "rendering …");
   stream.onerror = (error) => notify(error.message, "stream");
   const state = () => ({
     ...camera.state(),

@@ -12,6 +12,8 @@ const REST_TIME = 160;
 const SCALES = [0.12, 1];
 /** Rate in bytes per millisecond below which a compressed draft precedes a lossless picture. */
 const FAST_LINK = 1500;
+/** Time of a picture after which the page says that it is at work, in milliseconds. */
+const PATIENCE = 700;
 /** Delay between attempts while the server does not answer, in milliseconds. */
 const RETRY_DELAY = 1000;
 
@@ -30,6 +32,7 @@ export class Stream {
     this.shown = 0;
     this.burst = null;
     this.onshown = () => {};
+    this.onwait = () => {};
     this.onerror = () => {};
     document.addEventListener("visibilitychange", () => this.next(), life);
   }
@@ -74,6 +77,7 @@ export class Stream {
     this.isOutdated = !isStill || isDraft;
     this.request = { isStill, isDraft, abort: new AbortController() };
     let wait = 0;
+    const patience = setTimeout(() => this.onwait(), PATIENCE);
     try {
       await this.fetch(this.request);
     } catch (error) {
@@ -82,6 +86,7 @@ export class Stream {
         wait = error.isFinal ? -1 : RETRY_DELAY;
       }
     }
+    clearTimeout(patience);
     this.request = null;
     if (wait < 0) this.isOutdated = false;
     else if (wait > 0) setTimeout(() => this.next(), wait, (this.isOutdated = true));
