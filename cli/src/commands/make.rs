@@ -51,8 +51,7 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     let mut findings = capture::findings(&data, &loaded)?;
     let mut drift = findings.iter_mut().find(|finding| finding.kind == "exposure");
     if let Some(drift) = &mut drift {
-        drift.remedy =
-            "the training fits colours of each (--exposure); lock exposure and white balance for better ones";
+        drift.remedy = "the training fits the colours of each (--exposure); lock exposure and white balance next time";
     }
     let has_drift = drift.is_some();
     let findings: Vec<String> = findings.iter().map(capture::sentence).collect();
@@ -118,9 +117,9 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     output::write_text(&page, &made.html()?)?;
     output::say(&format!("Page: {}", shown(&page)))?;
     let steps = [
-        (args.sun.is_empty(), "a sun: the same with --sun 30,45"),
-        (!is_cut_out, "only the object, and all around it: --masks FOLDER"),
-        (args.quick, "a sharper model: the same without --quick"),
+        (args.sun.is_empty(), "the same command with --sun 30,45 adds a sun"),
+        (!is_cut_out, "with --masks FOLDER only the object is trained and shown"),
+        (args.quick, "without --quick the model becomes sharper"),
     ];
     let steps = steps.into_iter().filter(|(is_open, _)| *is_open).map(|(_, step)| step.to_owned());
     let view = command_text(["specula", "view", &text(&model)]);
