@@ -34,9 +34,9 @@ impl<E: Renderer> Debug for Groups<'_, E> {
 impl<E: Renderer> Groups<'_, E> {
     /// Measures an operation on the scene without its preparation `prepare`.
     ///
-    /// # Errors
+    /// # Panics
     ///
-    /// Any error of the executor.
+    /// If the executor fails.
     pub fn bench<I, O>(
         &mut self,
         exec: &mut E,

@@ -50,6 +50,8 @@
 //! # Ok::<(), specula_cpu::CpuError>(())
 //! ```
 
+pub use criterion;
+
 pub mod groups;
 pub mod scene;
 pub mod stages;

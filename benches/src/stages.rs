@@ -13,7 +13,9 @@ use specula_core::{
     state::SceneState,
 };
 
-/// A stage, or all stages of a picture or of a step.
+/// A stage, or all stages of a picture or of a step. [`measure_picture`] measures those up to
+/// `Frame`, [`measure_step`] the others but `TrainStep`, which is
+/// [`Scene::train`](crate::scene::Scene::train); `Trace` needs a near field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "they are named as core's methods are")]
 pub enum Stage {
@@ -57,7 +59,7 @@ impl Stage {
     }
 }
 
-/// Amount of blending in a picture.
+/// Amount of blending in a picture: for the throughput of blending, which is 0 for zeros.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Work {
     /// Splats in tiles.

@@ -77,6 +77,8 @@ extern crate std;
 #[cfg(not(any(feature = "std", feature = "libm")))]
 compile_error!("specula-core needs the feature `std` or the feature `libm` for its mathematics");
 
+pub use glam;
+
 pub mod activation;
 pub mod antialias;
 pub mod attributes;

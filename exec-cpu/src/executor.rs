@@ -125,8 +125,9 @@ impl<C: CutoffPolicy> CpuExecutor<C> {
     }
 
     /// Sets the flag that cancels pictures from another thread. While it is true, stages that work
-    /// on pixels fail with [`CpuError::Cancelled`], in progress after their current tiles. Later
-    /// pictures are unaffected.
+    /// on pixels fail with [`CpuError::Cancelled`], in progress after their current tiles, and
+    /// frames are not read. Frames that are being read or written are completed, and later pictures
+    /// are unaffected.
     pub fn set_cancel(&mut self, cancel: Option<Arc<AtomicBool>>) {
         self.context.cancel = cancel;
     }
@@ -249,8 +250,10 @@ impl<C: CutoffPolicy> Renderer for CpuExecutor<C> {
 
     fn read_frame(&mut self, frame: &Frame, values: &mut [f32]) -> Result<(), CpuError> {
         BufferLength::check(frame.len_of_values(), values).map_err(CpuError::BufferLength)?;
-        frame.read(values);
-        Ok(())
+        if !self.context.skips() {
+            frame.read(values);
+        }
+        self.context.complete(())
     }
 
     fn prefilter(

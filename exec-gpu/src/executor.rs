@@ -175,8 +175,10 @@ impl GpuExecutor<Storage> {
 
     /// Records stages into the encoder of another program, which submits it: nothing is submitted,
     /// nothing waits, kernels are not timed. Pictures need [`GpuExecutor::read_later`], and
-    /// [`GpuExecutor::frame_status_later`] tells whether they are complete. The program submits the
-    /// encoder before the executor's next call, which may reuse the memory of its arrays.
+    /// [`GpuExecutor::frame_status_later`] tells whether they are complete: the first one is not,
+    /// since no capacity was granted. [`Composer::draw`](crate::Composer::draw) and
+    /// [`DepthReader::read`](crate::DepthReader::read) may use the same encoder. The program
+    /// submits it before it renders again, which may reuse the memory of its arrays.
     ///
     /// ```no_run
     /// # use specula_core::{camera::Camera, executor::Renderer, pipeline::render};
@@ -253,7 +255,8 @@ impl GpuExecutor<Storage> {
     }
 
     /// Grants later pictures the capacity of one picture plus a quarter.
-    pub fn grant(&mut self, FrameCapacity(needed): FrameCapacity) {
+    pub fn grant(&mut self, capacity: FrameCapacity) {
+        let FrameCapacity(needed) = capacity;
         self.picture_capacity = Some(needed.grown(self.picture_capacity, &self.context.gpu));
     }
 

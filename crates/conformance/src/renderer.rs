@@ -16,6 +16,7 @@ use proptest::{
 };
 use specula_core::{
     activation::logit,
+    blend::MAX_ALPHA,
     camera::Scissor,
     executor::{Feature, Renderer, Unsupported},
     lamps::Lamp,
@@ -37,6 +38,7 @@ requirements! {
         buffers_of_another_length_are_refused,
         gaussians_are_projected_to_their_place_and_shape,
         splats_are_blended_front_to_back_and_ties_in_their_order,
+        opaque_splats_pass_a_hundredth_of_the_light,
         plain_gaussians_have_the_pictures_of_the_reference,
         light_of_gaussians_is_filtered_and_looked_up,
         light_of_pixels_is_filtered_and_looked_up,
@@ -78,7 +80,7 @@ fn near_reference<E: Renderer>(exec: &mut E, storage: Storage, view: &View, what
 fn close(actual: &[f64], expected: &[f64], view: &View, what: &str, least: f64) -> Result<(), String> {
     let found = closeness(actual, expected, view.pixels());
     println!("{what}: {found:.1} dB");
-    require(found >= least, || format!("{what}: {found:.1} dB from the expected picture, needed are {least}"))
+    require(found >= least, || format!("{what}: {found:.1} dB from the expected picture, needed are {least:.1}"))
 }
 
 /// Uploads numbers and downloads them to the last bit.
@@ -139,6 +141,26 @@ pub fn gaussians_are_projected_to_their_place_and_shape<E: Renderer>(subject: &S
         near_reference(&mut exec, subject.storage(), &view, &format!("one Gaussian of {:?}", layout.low_pass))?;
     }
     Ok(())
+}
+
+/// Limits the alpha of a splat to [`MAX_ALPHA`], so that behind an opaque one 1 − 0.99 remains.
+///
+/// # Errors
+///
+/// The fault.
+pub fn opaque_splats_pass_a_hundredth_of_the_light<E: Renderer>(subject: &Subject<'_, E>) -> Result<(), String> {
+    /// A rounding of 1 − 0.99.
+    const ROUNDING: f64 = 1e-6;
+    let mut view = View::new(1, Layout::radiance(0), rules(ShadingRules::PAPER, Channels::Color), 3);
+    view.gaussians.set(0, MEAN, [0.0; 3]);
+    view.gaussians.set(0, LOG_SCALE, [1.0; 3]);
+    view.gaussians.set(0, OPACITY, [12.0]);
+    let picture = view.picture(&mut subject.executor())?;
+    let passed = picture[picture.len() - view.pixels()..].iter().copied().fold(f64::INFINITY, f64::min);
+    let expected = f64::from(1.0 - MAX_ALPHA);
+    require((passed - expected).abs() < ROUNDING, || {
+        format!("{passed} of the light passes an opaque splat, not {expected}")
+    })
 }
 
 /// Blends opaque splats in front of each other, stored in any order, and many at one depth.

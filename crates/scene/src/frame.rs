@@ -60,7 +60,8 @@ impl<'a> FrameRequest<'a> {
     }
 
     /// Selects median instead of mean depths: that of the splat behind which half of the light or
-    /// less passes, which is never between two surfaces. They take a pass of their own.
+    /// less passes, which is never between two surfaces. They take a pass of their own, which only
+    /// the CPU executor has.
     #[must_use]
     pub fn with_median_depths(self) -> Self {
         Self { has_median_depths: true, ..self }
@@ -105,8 +106,8 @@ impl SceneRenderer {
     ///
     /// # Errors
     ///
-    /// [`SceneError::Part`] for a part that is not in the picture; [`SceneError::FrameMemory`] for
-    /// memory or surfaces of another size; those of [`SceneRenderer::render`], and of executors
+    /// Nothing is written then: [`SceneError::Part`] for a part that is not in the picture;
+    /// [`SceneError::FrameMemory`] for memory or surfaces of another size; those of [`SceneRenderer::render`], and of executors
     /// that render nothing behind surfaces.
     pub fn render_into(
         &mut self,

@@ -78,6 +78,7 @@ pub mod upright;
 pub use device::{Device, ExecutorChoice, RenderOptions};
 pub use error::SceneError;
 pub use frame::{Behind, FrameRequest, Surfaces, Target};
+pub use half::f16;
 pub use layer::Layer;
 pub use lighting::Lighting;
 pub use opened::OpenedModel;

@@ -8,11 +8,12 @@ use specula_core::{
     sh_turn,
 };
 
-/// Rotation R, uniform scale s > 0 and translation t: a point p becomes s R (p − c) + t.
+/// Rotation R, uniform scale s > 0 and translation t: a point p becomes s R p + t.
 #[derive(Clone, Copy, Debug)]
 pub struct Similarity {
     pub(crate) rotation: DMat3,
     pub(crate) scale: f64,
+    /// Point c that is subtracted first; the origin unless the scene is placed upright.
     pub(crate) centre: DVec3,
     pub(crate) translation: DVec3,
 }

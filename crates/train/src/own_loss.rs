@@ -14,18 +14,20 @@
 //! # let (iterations, background) = (10, [1.0; 3]);
 //! # let settings = Settings { profile, iterations, seed: 0, background, random_points: 500 };
 //! # let mut trainer = Trainer::new(CpuExecutor::new(), settings, &views, &[])?;
-//! // Draws the accumulated depth Σ w t towards 3.
+//! // Draws the accumulated depth Σ w t towards 3, where pictures have depths: not with 3dgs.
 //! let loss = HostLoss(|picture: &HostPicture<'_>, grad: &mut [f32]| {
 //!     let depths = picture.plane(channel::DEPTH);
-//!     let pixels = depths.len();
-//!     let grad = &mut grad[channel::DEPTH * pixels..][..pixels];
+//!     let Some((depths, grad)) = depths.zip(picture.plane_mut(grad, channel::DEPTH)) else { return };
 //!     for (grad, depth) in grad.iter_mut().zip(depths) {
-//!         *grad += 0.1 * (depth - 3.0).signum() / pixels as f32;
+//!         *grad += 0.1 * (depth - 3.0).signum() / depths.len() as f32;
 //!     }
 //! });
 //! trainer.set_own_loss(Some(Box::new(loss)));
 //! while !trainer.is_finished() {
 //!     trainer.step()?;
+//!     if trainer.psnr() > Some(40.0) {
+//!         trainer.finish_early(100);
+//!     }
 //! }
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
@@ -35,7 +37,7 @@ use core::fmt;
 use specula_core::{
     camera::Camera,
     executor::{ReadBack, StepPicture},
-    rules::RenderRules,
+    rules::{Channels, RenderRules},
     scene::Image,
 };
 
@@ -50,20 +52,39 @@ pub struct HostPicture<'a> {
     pub camera: &'a Camera,
     /// Rules; their shading is physical in steps of materials.
     pub rules: &'a RenderRules,
-    /// Channels in the order of [`channel`](specula_core::rules::channel), then the transmittance.
-    /// Channels are sums over splats, w times their value, without a background.
+    /// Blended channels, plane by plane, then the transmittance, which `Image::channels` counts.
+    /// Channels are sums over splats, w times their value, without a background; colours are those
+    /// after [`shade_pixels`](specula_core::executor::Renderer::shade_pixels).
     pub image: &'a Image<Vec<f32>>,
 }
 
 impl HostPicture<'_> {
-    /// Numbers of a channel, row by row.
-    pub fn plane(&self, channel: usize) -> &[f32] {
-        self.image.plane(channel)
+    /// Numbers of a channel ([`channel`](specula_core::rules::channel)), row by row; `None` if the
+    /// profile does not blend it: `3dgs` blends only colours.
+    pub fn plane(&self, channel: usize) -> Option<&[f32]> {
+        Some(self.image.plane(self.index_of(channel)?))
+    }
+
+    /// Transmittance: the share of the background in each pixel.
+    pub fn transmittance(&self) -> &[f32] {
+        self.image.plane(self.image.channels - 1)
+    }
+
+    /// Plane of a channel in the gradient, which has the planes of the picture.
+    pub fn plane_mut<'g>(&self, grad: &'g mut [f32], channel: usize) -> Option<&'g mut [f32]> {
+        let pixels = self.image.pixel_count();
+        Some(&mut grad[self.index_of(channel)? * pixels..][..pixels])
+    }
+
+    fn index_of(&self, channel: usize) -> Option<usize> {
+        Channels::of_count(self.image.channels - 1).index_of(channel)
     }
 }
 
 /// Loss as a function on the host: it is given a picture, and adds the gradient of each of its
-/// numbers to that of the other losses, which is 0 where no splat is.
+/// numbers to that of the other losses, which is 0 where no splat is. A loss of colours over a
+/// background adds the colours' gradients times the background to that of the transmittance, the
+/// last plane.
 ///
 /// Pictures and gradients are copied to the host and back in every step.
 #[derive(Clone, Copy)]

@@ -744,9 +744,13 @@ mod tests {
             let mut trainer = trainer(settings()).expect("there are views");
             if let Some(weight) = loss {
                 trainer.set_own_loss(Some(Box::new(HostLoss(move |picture: &HostPicture<'_>, grad: &mut [f32]| {
-                    let pixels = picture.plane(channel::DEPTH).len();
                     assert_eq!(picture.camera.light, u32::from(picture.view > 0), "the view's own camera");
-                    grad[channel::DEPTH * pixels..][..pixels].iter_mut().for_each(|grad| *grad += weight);
+                    assert!(
+                        picture.transmittance().iter().all(|passed| (0.0..=1.0).contains(passed)),
+                        "shares of light"
+                    );
+                    let depths = picture.plane_mut(grad, channel::DEPTH).expect("a shaded profile has depths");
+                    depths.iter_mut().for_each(|grad| *grad += weight);
                 }))));
             }
             take(&mut trainer, 9);

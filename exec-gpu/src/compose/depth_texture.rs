@@ -81,8 +81,9 @@ impl DepthReader {
 
     /// Reads the depths of a picture of this size for
     /// [`render_occluded`](specula_core::pipeline::render_occluded). The texture has one sample a
-    /// pixel, the usage `TEXTURE_BINDING`, and a view of its depth; it must have been drawn, and
-    /// its commands submitted, before the executor's next submission.
+    /// pixel, the usage `TEXTURE_BINDING`, and a view of its depth; it must have been drawn before,
+    /// in the same encoder ([`GpuExecutor::record`]), or else in commands that are submitted before
+    /// the executor's next submission.
     ///
     /// # Errors
     ///

@@ -135,8 +135,9 @@ impl Composer {
 
     /// Records a draw of the frame over the viewport of a pass: pixel for pixel if the viewport has
     /// the size of the frame, else the nearest pixel, or as [`PassFormat::smooth`] says. Submits
-    /// the executor's commands for the frame. The program must submit its pass before the executor
-    /// renders the next frame, which may reuse this frame's memory.
+    /// the executor's own commands for the frame, of which a recorded one has none. The program
+    /// must submit its pass before the executor renders the next frame, which may reuse this
+    /// frame's memory.
     ///
     /// # Errors
     ///
