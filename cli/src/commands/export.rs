@@ -302,7 +302,7 @@ impl Exporter<'_> {
     ) -> Result<(), Failure> {
         let placed = self.upright(format.axes()).filter(|_| !format.has_node());
         let placement = if format.has_node() { Some(self.node(format.axes())) } else { placed };
-        // Some loaders reject comments. Upright files need none: their axes are those that all viewers assume.
+        // Some loaders reject comments. Upright files need none: viewers assume their axes.
         let provenance = placed.is_none().then(|| PlainGaussians::provenance(self.scene(), self.method()));
         let comments: Vec<String> = provenance.into_iter().chain(self.origin()).collect();
         let stored = plain.write(path, format, self.scene(), placement.as_ref(), &comments)?;

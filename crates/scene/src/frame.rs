@@ -107,8 +107,8 @@ impl SceneRenderer {
     /// # Errors
     ///
     /// Nothing is written then: [`SceneError::Part`] for a part that is not in the picture;
-    /// [`SceneError::FrameMemory`] for memory or surfaces of another size; those of [`SceneRenderer::render`], and of executors
-    /// that render nothing behind surfaces.
+    /// [`SceneError::FrameMemory`] for memory or surfaces of another size; those of
+    /// [`SceneRenderer::render`], and of executors that render nothing behind surfaces.
     pub fn render_into(
         &mut self,
         request: &FrameRequest<'_>,

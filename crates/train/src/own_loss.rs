@@ -17,7 +17,8 @@
 //! // Draws the accumulated depth Σ w t towards 3, where pictures have depths: not with 3dgs.
 //! let loss = HostLoss(|picture: &HostPicture<'_>, grad: &mut [f32]| {
 //!     let depths = picture.plane(channel::DEPTH);
-//!     let Some((depths, grad)) = depths.zip(picture.plane_mut(grad, channel::DEPTH)) else { return };
+//!     let grad = picture.plane_mut(grad, channel::DEPTH);
+//!     let Some((depths, grad)) = depths.zip(grad) else { return };
 //!     for (grad, depth) in grad.iter_mut().zip(depths) {
 //!         *grad += 0.1 * (depth - 3.0).signum() / depths.len() as f32;
 //!     }
