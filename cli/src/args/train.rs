@@ -370,7 +370,7 @@ pub(crate) struct Start {
     #[arg(long, value_name = "FILE|MEAN|R,G,B")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) light_reference: Option<LightReference>,
-    /// Frame that the light is fixed to: scene, turntable or camera; see docs/datasets.md.
+    /// Frame of the light: scene, turntable or camera; see docs/datasets.md.
     #[arg(long, value_name = "WHAT", default_value = LightFollows::Scene.name(), value_parser = light_follows)]
     #[serde(serialize_with = "as_name", skip_serializing_if = "is_still")]
     pub(crate) light_follows: LightFollows,
