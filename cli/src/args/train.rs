@@ -97,8 +97,7 @@ pub(crate) struct Train {
     /// Number of iterations, such as 30000, 30k or 3e4; schedules stretch with it.
     #[arg(long, value_name = "N", default_value_t = 30_000, value_parser = positive::<u32>)]
     pub(crate) iterations: u32,
-    /// Choose a number of iterations that takes about M minutes on this machine, at most
-    /// --iterations. config.toml records it.
+    /// As many of --iterations as take about M minutes here.
     #[arg(long, value_name = "M", value_parser = above_zero, conflicts_with_all = ["resume", "ranks"])]
     #[serde(skip)]
     pub(crate) minutes: Option<f64>,

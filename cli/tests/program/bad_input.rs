@@ -259,6 +259,44 @@ fn an_address_that_is_taken() {
 }
 
 #[test]
+fn what_is_no_light_is_told_from_one() {
+    let tiny = Tiny::new();
+    train(&tiny, "model").assert().success();
+    let model = tiny.path("model");
+    fs::write(tiny.path("notes.txt"), "no light\n").unwrap();
+    for (light, told) in [("model", "but a folder"), ("notes.txt", "that can be read")] {
+        let mut command = specula();
+        command.arg("relight").arg(&model).arg("--env").arg(tiny.path(light));
+        refuses(command, &["is no environment map", told, ".hdr or .exr", "sunset"]);
+    }
+    let mut command = specula();
+    command.arg("relight").arg(&model).arg("--lights").arg(tiny.path("notes.txt"));
+    refuses(command, &["is not a file of lights: line 1: ", "docs/rendering.md"]);
+}
+
+#[test]
+fn a_folder_as_an_exported_file() {
+    let tiny = Tiny::new();
+    train(&tiny, "model").assert().success();
+    let files = tiny.path("files");
+    fs::create_dir(&files).unwrap();
+    let mut command = specula();
+    command.arg("export").arg(tiny.path("model")).arg("-o").arg(&files);
+    refuses(command, &["is a folder", "a slash"]);
+    assert_eq!(fs::read_dir(&files).unwrap().count(), 0, "nothing was written");
+}
+
+#[test]
+fn a_negative_number_of_an_option() {
+    let tiny = Tiny::new();
+    for option in ["--iterations", "--lambda-normal"] {
+        let mut command = train(&tiny, "model");
+        command.args([option, "-5"]);
+        refuses(command, &["-5", option]);
+    }
+}
+
+#[test]
 fn a_part_of_a_data_set() {
     let tiny = Tiny::new();
     for part in ["train", "sparse/0"] {

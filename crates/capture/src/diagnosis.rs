@@ -78,7 +78,7 @@ pub fn findings(evidence: &Evidence<'_>) -> Vec<Finding> {
         found.push(Finding {
             kind: "few",
             cause: format!("there are only {} pictures", evidence.pictures),
-            remedy: "take 50 to 150, from all around: with few, views between them are poor however well these are fitted",
+            remedy: "take 50 to 150, from all around: with few pictures, views between them stay poor",
         });
     }
     found.extend(of_looks(evidence.looks));

@@ -13,7 +13,9 @@ use specula_core::{
     scene::{Environment, RadianceActivation},
 };
 use specula_io::{latlong, picture};
-use specula_scene::{Scene, SceneRenderer, export::visible, light_file::MapUp, number::group_digits, text::shown};
+use specula_scene::{
+    Scene, SceneRenderer, export::visible, light_file::MapUp, number::group_digits, orientation, text::shown,
+};
 use specula_viewer::{
     EmbeddedViewer, LightSetup, PackPrecision, PackedLight, PackedScene, ViewedScene, WebPage, WebRenderer,
 };
@@ -69,7 +71,7 @@ impl Exporter<'_> {
 
     /// Environment maps to choose from.
     fn page_lights(&self, maps: &[(PathBuf, MapUp)], exposure: f32) -> Result<Vec<PackedLight>, Failure> {
-        let up = specula_scene::orientation::up(&self.up);
+        let up = orientation::up(&self.up);
         let resolution = self.scene().resolution_of_others();
         let read = |(file, map_up): &(PathBuf, MapUp)| {
             let map_up = *map_up;

@@ -100,7 +100,7 @@ pub(super) fn iterations_within(
     Ok(iterations)
 }
 
-/// Two digits and zeros, or fewer zeros for small numbers.
+/// Rounded down to hundreds, or to tens below a thousand.
 fn rounded(iterations: u32) -> u32 {
     let unit = if iterations < 1000 { 10 } else { 100 };
     iterations - iterations % unit
