@@ -290,9 +290,9 @@ fn a_folder_as_an_exported_file() {
 fn a_negative_number_of_an_option() {
     let tiny = Tiny::new();
     for option in ["--iterations", "--lambda-normal"] {
-        let mut command = train(&tiny, "model");
-        command.args([option, "-5"]);
-        refuses(command, &["-5", option]);
+        let mut command = specula();
+        command.arg("train").arg(tiny.data()).arg("-m").arg(tiny.path("model")).args([option, "-5"]);
+        refuses(command, &["invalid value '-5'", option]);
     }
 }
 
