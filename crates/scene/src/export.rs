@@ -248,8 +248,8 @@ impl PlainGaussians {
     }
 
     /// Writes a file, placed upright or as it is, and returns the Gaussians as a reader of the
-    /// format decodes them. `scene` is the scene of the Gaussians; its shading is written to `.glb`,
-    /// `comments` to `.ply`, and an origin in the comments to `.glb`.
+    /// format decodes them. `scene` is the scene of the Gaussians; its shading is written to
+    /// `.glb`, `comments` to `.ply`, and an origin in the comments to `.glb`.
     ///
     /// In `.glb` and USD the transform of a node places the scene upright, so that the Gaussians
     /// themselves, written or returned, stay in the scene's world.
