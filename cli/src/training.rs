@@ -36,6 +36,8 @@ pub(crate) struct Session<'a> {
     /// Progress of the run.
     work: Option<Work>,
     expectation: Option<Expectation>,
+    /// Number of steps until the session ends, if it ends before the training.
+    steps_left: Option<u32>,
 }
 
 impl fmt::Debug for Session<'_> {
@@ -57,7 +59,13 @@ impl<'a> Session<'a> {
             live: None,
             work: None,
             expectation: None,
+            steps_left: None,
         }
+    }
+
+    /// Ends the training after some steps.
+    pub(crate) fn ending_after(self, steps: u32) -> Self {
+        Self { steps_left: Some(steps), ..self }
     }
 
     /// Estimates the time of steps from the sizes of these cameras' pictures.
@@ -149,8 +157,8 @@ impl Expectation {
 
     /// Cost of all steps and surfaces, in the unit of [`Profile::step_cost`].
     pub(crate) fn cost(&self) -> f64 {
-        let Plan { pauses, pause_cost, .. } = self.plan(0);
-        self.cost_of(0, self.iterations) + pauses.len() as f64 * pause_cost
+        let Plan { costs, pauses, pause_cost, .. } = self.plan(0);
+        costs.last().copied().unwrap_or_default() + pauses.len() as f64 * pause_cost
     }
 
     /// Cost of the steps after `from` up to `to`.
@@ -205,7 +213,7 @@ impl Observer for Session<'_> {
     }
 
     fn is_interrupted(&self) -> bool {
-        interrupt::is_requested()
+        self.steps_left == Some(0) || interrupt::is_requested()
     }
 
     /// Serves the requests of a viewer: publishes the scene, or waits while the training is paused.
@@ -224,6 +232,7 @@ impl Observer for Session<'_> {
     }
 
     fn after_step(&mut self, training: &Training) {
+        self.steps_left = self.steps_left.map(|steps| steps - 1);
         let (iteration, psnr, count) = (training.iteration(), training.psnr(), training.gaussian_count());
         if let Some(live) = &self.live {
             live.record(iteration, training.seconds(), psnr, count);

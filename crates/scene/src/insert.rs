@@ -9,7 +9,7 @@ impl Scene {
     /// Each call adds one instance. The harmonics have the higher degree of both scenes.
     ///
     /// Light, near field and lamps are those of this scene. Rays of reflections and lamps do not
-    /// hit added Gaussians. A renderer of this scene needs it anew
+    /// hit added Gaussians. A renderer must be given this scene again
     /// ([`SceneRenderer::set_scene`](crate::SceneRenderer::set_scene)); without an upload of
     /// everything, [`update`](crate::SceneRenderer::update) turns spare Gaussians into others.
     ///

@@ -1,12 +1,15 @@
 //! Number of iterations that fit into a time (`--minutes`).
 
-use crate::{failure::Failure, training::Expectation};
-use core::fmt;
+use crate::{
+    failure::Failure,
+    progress,
+    training::{Expectation, Session},
+};
 use specula_core::camera::Camera;
 use specula_scene::{
     ExecutorChoice,
     number::group_digits,
-    training::{Note, Observer, Start, Training},
+    training::{Start, Training},
 };
 use specula_train::{pictures::PictureSource, profile::Profile, start::Point, trainer::Settings};
 
@@ -15,43 +18,6 @@ const TIMED: u32 = 60;
 const WARM_UP_MAX: usize = 100;
 /// Least number of iterations.
 const LEAST: u32 = 300;
-
-/// Training that is thrown away after some steps.
-struct Probe<'a> {
-    pictures: &'a dyn PictureSource,
-    points: &'a [Point],
-    steps: u32,
-    taken: u32,
-}
-
-impl fmt::Debug for Probe<'_> {
-    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        out.write_str("Probe")
-    }
-}
-
-impl Observer for Probe<'_> {
-    type Error = Failure;
-
-    fn is_device_failure(failure: &Failure) -> bool {
-        failure.is_of_device()
-    }
-
-    fn origin(&self) -> (&dyn PictureSource, &[Point]) {
-        (self.pictures, self.points)
-    }
-
-    fn is_interrupted(&self) -> bool {
-        self.taken >= self.steps
-    }
-
-    fn after_step(&mut self, _: &Training) {
-        self.taken += 1;
-    }
-
-    /// The training itself says where it runs.
-    fn note(&mut self, _: Note<Failure>) {}
-}
 
 /// Number of iterations, at most those of `settings`, that take about `minutes`. `profile_at` is
 /// the profile for another number.
@@ -71,14 +37,16 @@ pub(super) fn iterations_within(
     let sizes = [pixels / cameras.len().max(1), cameras.len()];
     let (profile, most) = (settings.profile.clone(), settings.iterations);
     let warm_up = cameras.len().min(WARM_UP_MAX) as u32;
-    let mut probe = Probe { pictures, points, steps: warm_up, taken: 0 };
-    let mut training = Training::new(choice, settings, pictures, &Start::Points(points), &mut probe)?;
+    // A training that is thrown away; the next one says where it runs.
+    let session = |steps: u32| Session::new(pictures, points).ending_after(steps);
+    let start = Start::Points(points);
+    let training = progress::silently(|| Training::new(choice, settings, pictures, &start, &mut session(0)));
+    let mut training = training?;
     let count = training.gaussian_count();
-    let warm = training.run(&[], &mut probe)?.seconds;
-    probe.steps += TIMED;
-    let all = training.run(&[], &mut probe)?.seconds;
+    let warm = training.run(&[], &mut session(warm_up))?.seconds;
+    let all = training.run(&[], &mut session(TIMED))?.seconds;
     let expected = |profile: &Profile, iterations: u32| Expectation::new(count, 0, profile, iterations, sizes);
-    let steps = expected(&profile, most).cost_of(warm_up, probe.taken);
+    let steps = expected(&profile, most).cost_of(warm_up, training.iteration());
     let (seconds_per_cost, left) = ((all - warm) / steps.max(1.0), 60.0 * minutes - all);
     let fits = |iterations: u32| -> Result<bool, Failure> {
         Ok(seconds_per_cost * expected(&profile_at(iterations)?, iterations).cost() <= left)
