@@ -111,7 +111,8 @@ pub(crate) fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
             format!("{folder:?} is a model, not a data set; to continue its training, use -m {folder:?} --resume")
         }
         Misplaced::ParentOf(meant) => {
-            format!("{folder:?} is not a data set, but contains one; did you mean {meant:?}?")
+            let names: Vec<String> = meant.iter().map(|data| format!("{data:?}")).collect();
+            format!("{folder:?} is not a data set; did you mean {}, which it contains?", names.join(" or "))
         }
         Misplaced::CamerasOf { program, remedy } => {
             format!("{folder:?} has cameras of {program}, which are not supported; {remedy}")

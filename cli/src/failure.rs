@@ -1,5 +1,7 @@
 //! Failures that end the program, and their exit codes.
 
+use crate::included;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use core::any::Any;
 use specula_cpu::{CpuError, OutOfMemory};
 #[cfg(feature = "gpu")]
@@ -180,7 +182,22 @@ pub(crate) fn sentence_of(error: &clap::Error) -> String {
     let text = error.to_string();
     let sentences = text.lines().take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
     let words: Vec<&str> = sentences.map(str::trim).filter(|line| !line.is_empty()).collect();
-    words.join("; ").replacen("error: ", "", 1).replace(":; ", ": ")
+    let sentence = words.join("; ").replacen("error: ", "", 1).replace(":; ", ": ");
+    match error.get(ContextKind::InvalidArg) {
+        Some(ContextValue::String(word)) if error.kind() == ErrorKind::UnknownArgument => sentence + advice_on(word),
+        _ => sentence,
+    }
+}
+
+/// Advice on a word that is no argument of a command.
+fn advice_on(word: &str) -> &'static str {
+    if included::light(word).is_some() {
+        "; a light follows --env, one at a time"
+    } else if word.starts_with('-') {
+        ""
+    } else {
+        "; a name with spaces needs quotes"
+    }
 }
 
 /// Conversion from errors of writing to stdout.

@@ -86,10 +86,11 @@ fn set_threads(threads: Option<u16>) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Runs a command of another one, by its command line.
+/// Runs a command as a part of another one, by its command line.
 fn run_words(words: Vec<OsString>) -> Result<(), Failure> {
     let arguments = Arguments::parse_words(words.clone())?;
-    run_command(&config::completed(arguments, &args::words_of(words))?, &Ranks::alone())
+    let completed = config::completed(arguments, &args::words_of(words))?;
+    progress::without_next(|| run_command(&completed, &Ranks::alone()))
 }
 
 fn run_command(arguments: &Arguments, ranks: &Ranks<'_>) -> Result<(), Failure> {

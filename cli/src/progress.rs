@@ -2,7 +2,7 @@
 //! printed as one line each. Progress is a bar on a terminal, else a line every few seconds.
 
 use crate::time_left::{Plan, Spoken, TimeLeft};
-use core::{fmt, time::Duration};
+use core::{cell::Cell, fmt, time::Duration};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use specula_scene::text::printable;
 use std::{
@@ -27,6 +27,11 @@ const TARGET: &str = "specula";
 
 /// Target of the notes that every rank of a training prints.
 pub(crate) const RANKS_TARGET: &str = "specula::ranks";
+
+thread_local! {
+    /// Whether the command is a part of another one.
+    static IS_INNER: Cell<bool> = const { Cell::new(false) };
+}
 
 /// Bars on the terminal.
 static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
@@ -56,9 +61,19 @@ pub(crate) fn silently<T>(f: impl FnOnce() -> T) -> T {
     tracing::subscriber::with_default(NoSubscriber::default(), f)
 }
 
-/// Prints what can be done next, a line each.
+/// Prints what can be done next, a line each; nothing within [`without_next`].
 pub(crate) fn note_next(steps: impl IntoIterator<Item = String>) {
-    steps.into_iter().for_each(|step| tracing::info!("next: {step}"));
+    if !IS_INNER.get() {
+        steps.into_iter().for_each(|step| tracing::info!("next: {step}"));
+    }
+}
+
+/// Runs a command that is a part of another one, without its next steps.
+pub(crate) fn without_next<T>(command: impl FnOnce() -> T) -> T {
+    let was_inner = IS_INNER.replace(true);
+    let done = command();
+    IS_INNER.set(was_inner);
+    done
 }
 
 /// Starts the progress of `steps` steps; silent if notes are.

@@ -208,7 +208,7 @@ fn open_model(path: &Path, low_pass: Option<LowPass>) -> Result<Model, Failure> 
         (Error::NoModel { .. }, [first, others @ ..]) => {
             let (models, also) = match others {
                 [] => ("one", String::new()),
-                _ => ("several", format!(", or one of {others:?}")),
+                _ => ("several", others.iter().map(|other| format!(" or {other:?}")).collect()),
             };
             Failure::Input(format!("{path:?} is not a model, but contains {models}; open {first:?}{also}"))
         }

@@ -236,9 +236,7 @@ fn profile_of(args: &Train, data: &Capture) -> Result<Profile, Failure> {
         } else {
             ""
         };
-        tracing::info!(
-            "alpha or masks cut the object out of every picture: settings for objects{materials} (docs/training.md)"
-        );
+        tracing::info!("every picture has alpha or a mask, so the settings are those for objects{materials}");
     }
     if profile.light.is_some() {
         profile.foreground = args.start.foreground.ball(data.orientation.as_ref(), data.origin);

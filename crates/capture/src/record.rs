@@ -98,8 +98,8 @@ impl Request {
 }
 
 impl Record {
-    /// Reads the record of a data set, or begins one. That of a request with other masks keeps
-    /// them.
+    /// Reads the record of a data set, or begins one: also where another request took no picture
+    /// yet. That of a request with other masks keeps them.
     ///
     /// # Errors
     ///
@@ -114,6 +114,10 @@ impl Record {
         let found: Self = serde_json::from_str(&text).map_err(|cause| {
             Error::Input(format!("{path:?} is no record of a capture ({cause}); use another folder with -o"))
         })?;
+        let pictures = fs::read_dir(folder.join("images")).into_iter().flatten().count();
+        if found.request != *request && found.done.is_empty() && pictures == 0 {
+            return Ok(Self { request: request.clone(), path, ..Self::default() });
+        }
         let loses_masks = found.request != *request && !request.has_masks() && found.request.has_masks();
         if loses_masks || found.request.unmasked() != request.unmasked() {
             return Err(Error::Input(format!(
@@ -156,7 +160,9 @@ mod tests {
     fn a_record_continues_its_own_request_only() {
         let folder = tempfile::tempdir().unwrap();
         let request = Request { inputs: vec!["walk.mov".into()], ..Request::default() };
-        let mut record = Record::open(folder.path(), &request).unwrap();
+        let refused = Request { inputs: vec!["notes.txt".into()], ..Request::default() };
+        Record::open(folder.path(), &refused).unwrap().save().unwrap();
+        let mut record = Record::open(folder.path(), &request).expect("no picture was taken yet");
         record.finish("frames".into()).unwrap();
         assert!(Record::open(folder.path(), &request).unwrap().is_done("frames"));
         let other = Request { frames: Some(9), ..request.clone() };

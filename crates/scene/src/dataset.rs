@@ -154,8 +154,8 @@ pub enum Misplaced {
     PartOf(PathBuf),
     /// A model.
     Model,
-    /// Parent of this data set, the first by name.
-    ParentOf(PathBuf),
+    /// Parent of these data sets, by name.
+    ParentOf(Vec<PathBuf>),
     /// Cameras of another program.
     CamerasOf {
         /// The program.
@@ -201,8 +201,9 @@ impl Misplaced {
         }
         let mut entries: Vec<PathBuf> = std::fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path()).collect();
         entries.sort_unstable();
-        if let Some(child) = entries.iter().find(|path| has_files(path)) {
-            return Some(Self::ParentOf(child.clone()));
+        let children: Vec<PathBuf> = entries.iter().filter(|path| has_files(path)).cloned().collect();
+        if !children.is_empty() {
+            return Some(Self::ParentOf(children));
         }
         Self::of_others(&entries).or_else(|| Self::bare(folder, &entries))
     }

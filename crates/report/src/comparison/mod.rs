@@ -79,6 +79,8 @@ impl Comparison {
     /// Table as text, with these warnings if the format supports them. Nothing is marked as best if
     /// runs are not comparable.
     pub fn to_text(&self, format: Format, warnings: &[String]) -> String {
-        format::text(format, &table::tables(&self.runs, &label::labels(&self.runs)), warnings)
+        // Programs read CSV.
+        let are_all_wanted = matches!(format, Format::Csv);
+        format::text(format, &table::tables(&self.runs, &label::labels(&self.runs), are_all_wanted), warnings)
     }
 }

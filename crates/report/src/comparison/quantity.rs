@@ -101,6 +101,19 @@ impl Quantity {
         is_known && (!matches!(self, Self::Condition(_)) || is_unequal())
     }
 
+    /// Whether the quantity compares runs: two of them have it, of one scene if a scene has several.
+    pub(super) fn compares(self, runs: &[Run]) -> bool {
+        let known = |scene: Option<&str>| {
+            let wanted = runs.iter().filter(|run| scene.is_none_or(|scene| run.scene == scene));
+            wanted.filter(|run| self.value(run).is_some()).count()
+        };
+        let of_scene = |scene: &str| runs.iter().filter(|run| run.scene == scene).count();
+        match runs.iter().any(|run| of_scene(&run.scene) > 1) {
+            true => runs.iter().any(|run| known(Some(&run.scene)) > 1),
+            false => known(None) > 1,
+        }
+    }
+
     /// Whether two runs have different values; false if one is unknown.
     pub(super) fn differs(self, one: &Run, other: &Run) -> bool {
         matches!([self.value(one), self.value(other)], [Some(a), Some(b)] if a != b)

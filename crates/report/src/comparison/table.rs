@@ -64,13 +64,17 @@ pub(super) struct Table {
     pub(super) rows: Vec<Row>,
 }
 
-/// Table of all quantities of one scene; or a table of all scenes for each quantity.
-pub(super) fn tables(runs: &[Run], labels: &[String]) -> Vec<Table> {
+/// Table of all quantities of one scene; or a table of all scenes for each quantity, and only for
+/// those that compare runs unless all are wanted.
+pub(super) fn tables(runs: &[Run], labels: &[String], are_all_wanted: bool) -> Vec<Table> {
     let scenes = scenes(runs);
     let shown = || Quantity::all().filter(|quantity| quantity.is_shown(runs));
     match scenes.as_slice() {
         [scene] => vec![table_of_scene(scene, &shown().collect::<Vec<_>>(), runs, labels)],
-        scenes => shown().map(|quantity| table_of_quantity(quantity, scenes, runs, labels)).collect(),
+        scenes => {
+            let wanted = shown().filter(|quantity| are_all_wanted || quantity.compares(runs));
+            wanted.map(|quantity| table_of_quantity(quantity, scenes, runs, labels)).collect()
+        }
     }
 }
 
