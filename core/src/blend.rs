@@ -9,6 +9,31 @@
 //! colours blend the inputs of the light lookup (10 channels, without depth and |Δn|²), or only
 //! colours (3). The backward pass replays splats front to back with the product of the pixel's
 //! gradient and all splats behind, so a channel costs two multiply-adds.
+//!
+//! A pixel of two splats, the nearer first. Callers skip splats whose depth is −1
+//! ([`crate::splat::Splat`]); the splats of a pixel are those that [`mod@crate::bin`] finds.
+//!
+//! ```
+//! use specula_core::{
+//!     blend::{self, PixelState},
+//!     splat::Splat2d,
+//! };
+//!
+//! // Round splats with a standard deviation of 2 px: centre, opacity, grey.
+//! let splats = [([5.0_f32, 4.5], 0.5_f32, 1.0), ([4.5, 4.5], 0.8, 0.25)];
+//! let pixel = [4.5, 4.5];
+//! let (mut state, mut color) = (PixelState::open(1.0), 0.0);
+//! for (mean2d, opacity, grey) in splats {
+//!     let splat = Splat2d::new(mean2d, [0.5, 0.0, 0.5], opacity.log2());
+//!     let falloff = blend::falloff(&splat, pixel[0] - mean2d[0], pixel[1] - mean2d[1]);
+//!     let step = blend::step(blend::alpha(falloff.log2_strength), state);
+//!     color += step.weight * grey;
+//!     state = step.behind;
+//! }
+//! let front = 0.5 * (-0.5_f32 * 0.25 * 0.25).exp();
+//! assert!((color - (front + (1.0 - front) * 0.8 * 0.25)).abs() < 1e-6);
+//! assert!((state.final_transmittance - (1.0 - front) * 0.2).abs() < 1e-6);
+//! ```
 
 use crate::{
     cutoffs::Cutoffs,

@@ -67,6 +67,28 @@ pub fn texel_solid_angle(column: usize, row: usize, resolution: usize) -> f64 {
     corner(x1, y1) - corner(x0, y1) - corner(x1, y0) + corner(x0, y0)
 }
 
+/// Surrounds a map with its apron, in the caller's memory: `texel` reads the map without apron by
+/// [`texel_index`].
+///
+/// # Panics
+///
+/// If `padded` has not [`padded_len`] texels.
+pub fn pad<R: Real>(resolution: usize, texel: impl Fn(usize) -> Vec3<R>, padded: &mut [Vec3<R>]) {
+    assert_eq!(padded.len(), padded_len(resolution), "a padded map has (resolution + 2)² texels a face");
+    let (width, inside) = (resolution + 2, 0..resolution as isize);
+    for (index, color) in padded.iter_mut().enumerate() {
+        let [row, column] = [index / width % width, index % width].map(|k| k as isize - 1);
+        let face = index / (width * width);
+        *color = if inside.contains(&row) && inside.contains(&column) {
+            texel(texel_index(face, column as usize, row as usize, resolution))
+        } else {
+            let Apron { texels: [first, others @ ..], count } = apron_sources(face, column, row, resolution);
+            let sum = others[..count - 1].iter().fold(texel(first), |sum, other| sum + texel(*other));
+            sum * sum.x.constant(1.0 / count as f32)
+        };
+    }
+}
+
 /// Source texels of an apron texel in the map without apron: one across an edge; at a corner, where
 /// three faces meet, the mean of the three around it. Column and row are those of [`padded_index`].
 pub fn apron_sources(face: usize, column: isize, row: isize, resolution: usize) -> Apron {

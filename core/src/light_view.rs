@@ -5,18 +5,21 @@
 //!
 //! ```
 //! use specula_core::{
-//!     cubemap::padded_len,
+//!     cubemap::{pad, padded_len},
 //!     light_view::{LightView, TexelMap},
 //!     prefilter::Level,
 //!     vector::{Vec3, vec3},
 //! };
 //!
+//! // Two levels of one texel a face, the second blurred to a mean.
 //! let levels = [0.0, 1.0].map(|roughness| Level { roughness, resolution: 1 });
 //! let maps = [0, padded_len(1)].map(|first| TexelMap { first, resolution: 1 });
-//! let mut texels = [Vec3::splat(1.0_f32); 2 * padded_len(1)];
-//! texels[padded_len(1)..].fill(Vec3::splat(3.0));
+//! let mut texels = [Vec3::splat(3.0_f32); 2 * padded_len(1)];
+//! let faces = [1.0, 5.0, 3.0, 3.0, 3.0, 3.0].map(Vec3::splat);
+//! pad(1, |face| faces[face], &mut texels[..padded_len(1)]);
 //! let light = LightView { levels: &levels, maps: &maps, texels: &texels };
-//! assert_eq!(light.radiance(vec3(0.6, 0.0, 0.8), 0.5), Vec3::splat(2.0), "half of each level");
+//! assert_eq!(light.radiance(vec3(1.0, 0.0, 0.0), 0.0), Vec3::splat(1.0), "the face +x");
+//! assert_eq!(light.radiance(vec3(1.0, 0.0, 0.0), 0.5), Vec3::splat(2.0), "half of each level");
 //! assert_eq!(light.irradiance(vec3(0.6, 0.0, 0.8)), Vec3::splat(3.0), "the last map");
 //! ```
 

@@ -23,7 +23,7 @@ use specula_core::{
     pipeline,
     prefilter::PrefilterScheme,
     rules::{Channels, LightLayer, RenderRules, channel},
-    scene::{LOG_SCALE, Layout, MEAN, OPACITY, ROUGHNESS, RadianceActivation},
+    scene::{LOG_SCALE, Layout, MEAN, METALNESS, OPACITY, ROUGHNESS, RadianceActivation, TINT},
     shade::ShadingRules,
 };
 use specula_oracle::{
@@ -42,6 +42,7 @@ requirements! {
         plain_gaussians_have_the_pictures_of_the_reference,
         light_of_gaussians_is_filtered_and_looked_up,
         light_of_pixels_is_filtered_and_looked_up,
+        light_is_looked_up_in_its_place,
         pixels_without_light_keep_their_base_and_materials_are_black,
         random_views_have_the_pictures_of_the_reference,
         extreme_scenes_have_finite_pictures_near_the_reference,
@@ -243,6 +244,51 @@ pub fn light_of_pixels_is_filtered_and_looked_up<E: Renderer>(subject: &Subject<
         let rules = RenderRules { light_layer, ..rules(ShadingRules::PHYSICAL, Channels::Layers) };
         let view = View::new(60, Layout::shaded(None).physical(), rules, seed);
         near_reference(&mut exec, subject.storage(), &view, &format!("layer {light_layer:?}"))?;
+    }
+    Ok(())
+}
+
+/// Looks up a light of few bright texels: by a mirror of one Gaussian that fills the picture, by a
+/// surface without reflection, and by many mirrors. A hundredth of a pixel shows, and a thousandth of
+/// a direction or a roughness.
+///
+/// # Errors
+///
+/// The fault.
+pub fn light_is_looked_up_in_its_place<E: Renderer>(subject: &Subject<'_, E>) -> Result<(), String> {
+    /// Closeness in dB: only rounding of lookups is seen, 1e-6, and texels that are rounded to
+    /// another half.
+    const IN_PLACE: [f64; 2] = [110.0, 80.0];
+    let least = IN_PLACE[usize::from(subject.storage() == Storage::F16)];
+    let mut exec = subject.executor();
+    let shaded = Layout::shaded(None);
+    let surfaces = [
+        ("mirror", ShadingRules::DEFERRED, shaded, 1),
+        ("metal", ShadingRules::PHYSICAL, shaded.physical(), 1),
+        ("matte surface", ShadingRules::PHYSICAL, shaded.physical(), 1),
+        ("mirrors", ShadingRules::PAPER, shaded, 40),
+    ];
+    for (seed, (what, shading, layout, count)) in
+        (0..).flat_map(|seed| surfaces.map(|surface| (seed, surface))).take(12)
+    {
+        let mut view = View::new(count, layout, rules(shading, Channels::Color), seed);
+        let mut light = random_environment(RESOLUTION, RadianceActivation::Identity, seed);
+        light.values.iter_mut().for_each(|radiance| *radiance = if *radiance > 1.75 { 8.0 } else { 0.05 });
+        view.environment = Some(light);
+        for gaussian in 0..count {
+            let is_matte = what == "matte surface";
+            if count == 1 {
+                view.gaussians.set(gaussian, MEAN, [0.0; 3]);
+                view.gaussians.set(gaussian, LOG_SCALE, [1.2, 1.0, 0.5]);
+            }
+            view.gaussians.set(gaussian, OPACITY, [12.0]);
+            view.gaussians.set(gaussian, ROUGHNESS, [if is_matte { 4.0 } else { -3.0 }]);
+            match layout.physical_planes() {
+                Some(first) => view.gaussians.set(gaussian, first + METALNESS, [if is_matte { -6.0 } else { 6.0 }]),
+                None => view.gaussians.set(gaussian, TINT, [6.0; 3]),
+            }
+        }
+        close(&view.picture(&mut exec)?, &view.exact(subject.storage()), &view, what, least)?;
     }
     Ok(())
 }

@@ -2,14 +2,17 @@
 
 use crate::executor::{Colors, Light, Naive, NaiveError};
 use core::convert::Infallible;
+use glam::Mat3;
 use specula_conformance::{Subject, renderer};
 use specula_core::{
+    activation::{logit, sigmoid},
+    blend::MAX_ALPHA,
     camera::Camera,
     executor::{Occluder, Renderer},
     lamps::Lamp,
     prefilter::{LevelRange, PrefilterScheme},
     rules::{RenderRules, channel},
-    scene::{Environment, Gaussians, Image},
+    scene::{Environment, Gaussians, Image, ROUGHNESS},
     splat::Splat,
 };
 
@@ -38,6 +41,14 @@ enum Fault {
     HalfTexelShift,
     /// Pixels look up a light that is too blurred.
     WrongLevel,
+    /// Alphas end a thousandth before the limit.
+    LowerLimit,
+    /// Gaussians look up a light that is turned by a thousandth.
+    TurnedLight,
+    /// Roughnesses of lookups are off by a thousandth.
+    RoughnessOff,
+    /// Rays of pixels are a hundredth of a pixel beside their centres.
+    RaysBeside,
     /// Physical materials without a light show their base colour.
     UnlitBase,
     /// Every other picture differs in its last bit, as by a race.
@@ -132,6 +143,9 @@ impl Renderer for Mutant {
             if self.has(Fault::HalfPixelShift) {
                 splat.mean2d = splat.mean2d.map(|x| x + 0.5);
             }
+            if self.has(Fault::LowerLimit) {
+                splat.opacity = splat.opacity.min(MAX_ALPHA / 1.001);
+            }
         }
         Ok(splats)
     }
@@ -145,7 +159,17 @@ impl Renderer for Mutant {
         rules: &RenderRules,
     ) -> Result<Colors, NaiveError> {
         let before = splats.clone();
-        let mut colors = Naive.shade(gaussians, camera, splats, light, rules)?;
+        let (mut gaussians, mut camera) = (gaussians.clone(), *camera);
+        if self.has(Fault::TurnedLight) {
+            camera.light_from_world = Some(Mat3::from_rotation_z(1e-3));
+        }
+        if self.has(Fault::RoughnessOff) && gaussians.layout.is_shaded() {
+            for gaussian in 0..gaussians.count {
+                let [stored] = gaussians.get(gaussian, ROUGHNESS);
+                gaussians.set(gaussian, ROUGHNESS, [logit(sigmoid(stored) + 1e-3)]);
+            }
+        }
+        let mut colors = Naive.shade(&gaussians, &camera, splats, light, rules)?;
         if self.has(Fault::NanLetThrough) {
             *splats = before;
         }
@@ -194,7 +218,11 @@ impl Renderer for Mutant {
         if self.has(Fault::UnlitBase) && light.is_none() {
             return Ok(surface);
         }
-        Naive.shade_pixels(surface, light, camera, rules)
+        let mut camera = *camera;
+        if self.has(Fault::RaysBeside) {
+            camera.principal_px[0] += 0.01;
+        }
+        Naive.shade_pixels(surface, light, &camera, rules)
     }
 }
 
@@ -221,6 +249,8 @@ const ORDER: &str = "splats_are_blended_front_to_back_and_ties_in_their_order";
 const PLAIN: &str = "plain_gaussians_have_the_pictures_of_the_reference";
 const LIGHT_OF_GAUSSIANS: &str = "light_of_gaussians_is_filtered_and_looked_up";
 const LIGHT_OF_PIXELS: &str = "light_of_pixels_is_filtered_and_looked_up";
+const PLACE: &str = "light_is_looked_up_in_its_place";
+const LIMIT: &str = "opaque_splats_pass_a_hundredth_of_the_light";
 const UNLIT: &str = "pixels_without_light_keep_their_base_and_materials_are_black";
 const NONFINITE: &str = "nonfinite_gaussians_are_left_out_to_the_last_bit";
 const SAME_BITS: &str = "pictures_are_the_same_bits_every_time";
@@ -279,6 +309,18 @@ fn a_shift_by_half_a_texel_is_found() {
 #[test]
 fn a_level_that_is_too_blurred_is_found() {
     assert_misses(Fault::WrongLevel, LIGHT_OF_PIXELS, PLAIN);
+}
+
+#[test]
+fn a_lower_limit_of_alpha_is_found() {
+    assert_misses(Fault::LowerLimit, LIMIT, PLAIN);
+}
+
+#[test]
+fn lookups_beside_their_place_are_found() {
+    assert_misses(Fault::TurnedLight, PLACE, PLAIN);
+    assert_misses(Fault::RoughnessOff, PLACE, PLAIN);
+    assert_misses(Fault::RaysBeside, PLACE, PLAIN);
 }
 
 #[test]

@@ -376,17 +376,26 @@ mod light {
     }
 
     fn padded(resolution: usize, texel: impl Fn(usize) -> Vec3<Double>) -> Vec<Vec3<Double>> {
-        let n = resolution as isize;
-        let mut map = Vec::new();
-        for (face, row, column) in
-            (0..6).flat_map(|f| (-1..=n).flat_map(move |row| (-1..=n).map(move |column| (f, row, column))))
-        {
-            assert_eq!(map.len(), cubemap::padded_index(face, column, row, resolution), "row after row");
-            let apron = cubemap::apron_sources(face, column, row, resolution);
-            let sum = apron.texels[..apron.count].iter().fold(vector([0.0; 3]), |sum, t| sum + texel(*t));
-            map.push(sum / Double(apron.count as f64));
-        }
+        let mut map = vec![vector([0.0; 3]); cubemap::padded_len(resolution)];
+        cubemap::pad(resolution, texel, &mut map);
         map
+    }
+
+    #[test]
+    fn padded_maps_have_the_sources_of_their_aprons() {
+        for resolution in [1, 2, RESOLUTION] {
+            let map = padded(resolution, |index| vector([index as f64; 3]));
+            let n = resolution as isize;
+            for (face, row, column) in
+                (0..6).flat_map(|f| (-1..=n).flat_map(move |row| (-1..=n).map(move |column| (f, row, column))))
+            {
+                let apron = cubemap::apron_sources(face, column, row, resolution);
+                let sources = apron.texels[..apron.count].iter().map(|index| *index as f64);
+                let expected = sources.sum::<f64>() / apron.count as f64;
+                let found = map[cubemap::padded_index(face, column, row, resolution)].x.0;
+                assert_close(found, expected, ROUNDING_F32 * expected.max(1.0));
+            }
+        }
     }
 
     fn look_up(map: &[Vec3<Double>], resolution: usize, direction: [f64; 3]) -> [f64; 3] {
