@@ -27,6 +27,7 @@ use crate::{
         light_network::NetworkTexels,
         limit_plane::limit_plane,
         loss::{Losses, Target, loss},
+        median_depths::median_depths,
         observe::observe,
         optimise::{optimise, optimise_environment},
         prefilter::{Light, Weights, evaluated, prefilter},
@@ -430,8 +431,8 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
     type Frame = Frame;
     type Error = GpuError;
 
-    fn has(&self, feature: Feature) -> bool {
-        feature != Feature::MedianDepths
+    fn has(&self, _: Feature) -> bool {
+        true
     }
 
     fn upload(&mut self, values: &[f32]) -> Result<ChunkedArray, GpuError> {
@@ -557,6 +558,10 @@ impl<P: Precision> Renderer for GpuExecutor<P> {
         let pixels = camera.width as usize * camera.height as usize;
         BufferLength::check_len(pixels, occlusion.len()).map_err(GpuError::BufferLength)?;
         self.blend_behind(splats, colors, tiles, camera, Some(occlusion.whole()))
+    }
+
+    fn median_depths(&mut self, splats: &Splats, tiles: &Tiles, camera: &Camera) -> Result<ChunkedArray, GpuError> {
+        median_depths(&mut self.context, splats, tiles, camera).map(ChunkedArray::from)
     }
 
     fn trace(&mut self, surface: Frame, light: &Light, camera: &Camera) -> Result<Frame, GpuError> {

@@ -249,17 +249,15 @@ pub fn light_of_pixels_is_filtered_and_looked_up<E: Renderer>(subject: &Subject<
 }
 
 /// Looks up a light of few bright texels: by a mirror of one Gaussian that fills the picture, by a
-/// surface without reflection, and by many mirrors. A hundredth of a pixel shows, and a thousandth of
-/// a direction or a roughness.
+/// surface without reflection, and by many mirrors. A hundredth of a pixel shows, and a thousandth
+/// of a direction or a roughness.
 ///
 /// # Errors
 ///
 /// The fault.
 pub fn light_is_looked_up_in_its_place<E: Renderer>(subject: &Subject<'_, E>) -> Result<(), String> {
-    /// Closeness in dB: only rounding of lookups is seen, 1e-6, and texels that are rounded to
-    /// another half.
-    const IN_PLACE: [f64; 2] = [110.0, 80.0];
-    let least = IN_PLACE[usize::from(subject.storage() == Storage::F16)];
+    /// Closeness in dB: only rounding is seen, 1e-6 of a channel.
+    const IN_PLACE: f64 = 110.0;
     let mut exec = subject.executor();
     let shaded = Layout::shaded(None);
     let surfaces = [
@@ -288,7 +286,7 @@ pub fn light_is_looked_up_in_its_place<E: Renderer>(subject: &Subject<'_, E>) ->
                 None => view.gaussians.set(gaussian, TINT, [6.0; 3]),
             }
         }
-        close(&view.picture(&mut exec)?, &view.exact(subject.storage()), &view, what, least)?;
+        close(&view.picture(&mut exec)?, &view.exact(subject.storage()), &view, what, IN_PLACE)?;
     }
     Ok(())
 }

@@ -60,8 +60,7 @@ impl<'a> FrameRequest<'a> {
     }
 
     /// Selects median instead of mean depths: that of the splat behind which half of the light or
-    /// less passes, which is never between two surfaces. They take a pass of their own, which only
-    /// the CPU executor has.
+    /// less passes, which is never between two surfaces. They take a pass of their own.
     #[must_use]
     pub fn with_median_depths(self) -> Self {
         Self { has_median_depths: true, ..self }

@@ -12,6 +12,7 @@ pub mod blend_in_order;
 pub mod expose;
 pub mod illuminate;
 pub mod loss;
+pub mod median_depths;
 pub mod prefilter;
 pub mod project;
 pub mod response;

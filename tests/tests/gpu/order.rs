@@ -1,5 +1,6 @@
 //! Orders of splats in a pixel on the device: formulas, and pictures against the CPU's.
 
+use core::fmt::Debug;
 use specula_core::{
     camera::Camera,
     cutoffs::{
@@ -9,7 +10,7 @@ use specula_core::{
     double::Double,
     executor::Renderer,
     pack::Storage,
-    pipeline::{render, render_occluded},
+    pipeline::{median_depths, render, render_occluded},
     prefilter::PrefilterScheme,
     rules::{Channels, RenderRules},
     scene::{Gaussians, Layout, OPACITY},
@@ -20,12 +21,13 @@ use specula_gpu::{
     GpuExecutor,
     stages::{
         blend_in_order::formulas::{AlphaOf, BlendAlpha, DepthAt, IsHidden},
+        median_depths::formulas::MedianStep,
         response::formulas::ResponseOf,
     },
 };
 use specula_oracle::{self as oracle, lift_gaussians};
 use specula_tests::{
-    compare::{assert_psnr, psnr},
+    compare::{SAME_SPLAT, assert_psnr, psnr},
     device::{executor, executor_in_chunks_of},
     formulas::{assert_every_formula_has_a_case, assert_same, camera, gaussian_rows, uniform_rows},
     strategies::random_cloud,
@@ -83,6 +85,7 @@ fn every_formula_of_an_order_is_on_the_device_what_it_is_on_the_host() {
     }
     let splat = [[0.1, 0.8], [-0.5, 0.5], [0.1, 0.8], [-3.0, 0.0], [-1.0, 1.0], [-1.0, 1.0]];
     assert_same(gpu, &AlphaOf, &uniform_rows(1, &splat));
+    assert_same(gpu, &MedianStep, &uniform_rows(5, &[[0.0, 0.99], [0.05, 1.0]]));
     let response = [[-0.02, 0.02], [-0.02, 0.02], [0.0, 0.05], [-0.05, 0.05], [0.0, 0.05], [0.5, 9.0]];
     let rows = uniform_rows(2, &[&response[..], &[[-20.0, 20.0]; 2]].concat());
     assert_same(gpu, &DepthAt, &rows);
@@ -100,9 +103,10 @@ fn every_formula_of_an_order_is_on_the_device_what_it_is_on_the_host() {
 fn no_formula_of_an_order_is_left_out() {
     let formulas = [
         include_str!("../../../exec-gpu/src/stages/blend_in_order/formulas.rs"),
+        include_str!("../../../exec-gpu/src/stages/median_depths/formulas.rs"),
         include_str!("../../../exec-gpu/src/stages/response/formulas.rs"),
     ];
-    assert_every_formula_has_a_case(&formulas, include_str!("order.rs"), 5);
+    assert_every_formula_has_a_case(&formulas, include_str!("order.rs"), 6);
 }
 
 #[test]
@@ -121,6 +125,32 @@ fn both_executors_render_the_same_pictures_in_every_order() {
             assert!(order != Pixel || psnr(&theirs, &by_means) < 45.0, "orders differ");
         }
     }
+}
+
+/// Median depths of an executor.
+fn medians<E: Renderer<Error: Debug>>(exec: &mut E, cloud: &Gaussians<Vec<f32>>, camera: &Camera) -> Vec<f32> {
+    let rules = RenderRules::full(ShadingRules::PAPER, PrefilterScheme::Exact, Channels::Color);
+    let uploaded = exec.upload_gaussians(cloud).expect("numbers fit");
+    let array = median_depths(exec, &uploaded, camera, &rules).expect("the executor finds them");
+    let mut depths = vec![f32::NAN; (camera.width * camera.height) as usize];
+    exec.download(&array, &mut depths).expect("a depth for each pixel");
+    depths
+}
+
+#[test]
+fn both_executors_find_the_same_median_depths() {
+    /// Pixels with a transmittance within rounding of one half.
+    const ON_EDGE: usize = 3;
+    let Some(mut gpu) = viewer() else { return };
+    let (camera, cloud) = (camera(70, 45), random_cloud(600, LAYOUT, 7));
+    let ours = medians(&mut gpu, &cloud, &camera);
+    let theirs = medians(&mut on_cpu(Mean), &cloud, &camera);
+    let is_same = |(a, b): &(&f32, &f32)| a == b || (*a - *b).abs() <= SAME_SPLAT as f32 * b.abs();
+    let others = ours.iter().zip(&theirs).filter(|pair| !is_same(pair)).count();
+    let found = theirs.iter().filter(|depth| depth.is_finite()).count();
+    println!("{found} pixels have a median, {others} another one");
+    assert!(others <= ON_EDGE, "{others} pixels differ");
+    assert!(found > theirs.len() / 10, "few pixels have a median: {found}");
 }
 
 #[test]

@@ -101,7 +101,8 @@ impl Quantity {
         is_known && (!matches!(self, Self::Condition(_)) || is_unequal())
     }
 
-    /// Whether the quantity compares runs: two of them have it, of one scene if a scene has several.
+    /// Whether the quantity compares runs: two of them have it, of one scene if a scene has
+    /// several.
     pub(super) fn compares(self, runs: &[Run]) -> bool {
         let known = |scene: Option<&str>| {
             let wanted = runs.iter().filter(|run| scene.is_none_or(|scene| run.scene == scene));
