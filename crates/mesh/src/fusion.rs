@@ -1,7 +1,10 @@
 //! Volumetric fusion: depths and colours of views are integrated into a truncated signed distance
 //! field ([`specula_core::tsdf`]), whose zero level set becomes triangles.
 
-use crate::{Mesh, view::View};
+use crate::{
+    Mesh,
+    view::{COVERAGE_FREE, COVERAGE_SURFACE, Shown, View},
+};
 use glam::Vec3;
 use rayon::prelude::*;
 use specula_core::{
@@ -18,13 +21,12 @@ const TRUNCATION_VOXELS: f32 = 4.0;
 const OUTLIER_SHARE: f32 = 0.005;
 /// Margin of the volume around the other Gaussians, relative to its longest edge.
 const MARGIN: f32 = 0.05;
-/// Coverage from which a pixel shows a surface.
-const COVERAGE_SURFACE: f32 = 0.5;
-/// Coverage below which a pixel shows free space.
-const COVERAGE_FREE: f32 = 0.05;
 /// Views that are integrated at once: a volume exceeds the caches, and passes through memory once
 /// for all of them.
 const VIEWS_AT_ONCE: usize = 8;
+/// Voxels along an edge of a brick, and in it.
+const BRICK: usize = 8;
+const BRICK_LEN: usize = BRICK * BRICK * BRICK;
 /// Share of all triangles up to which a connected component is removed.
 const COMPONENT_SHARE_MIN: f32 = 0.002;
 
@@ -93,14 +95,45 @@ pub fn evenly_spaced<T: Copy>(items: &[T], count_max: usize) -> Vec<T> {
     (0..count).map(|k| items[(2 * k + 1) * items.len() / (2 * count)]).collect()
 }
 
-/// Grid of voxels, x fastest.
+/// Cube of voxels.
+#[derive(Clone, Debug)]
+enum Brick {
+    /// All voxels are the same: no view showed a surface, or all of them are hidden.
+    Same(Voxel),
+    /// Each voxel, x fastest.
+    Each(Box<[Voxel; BRICK_LEN]>),
+}
+
+impl Brick {
+    /// Adds free space to all voxels.
+    fn clear(&mut self) {
+        let free = |voxel: &mut Voxel| *voxel = voxel.seen(f32::INFINITY, [0.0; 3], 1.0);
+        match self {
+            Self::Same(voxel) => free(voxel),
+            Self::Each(voxels) => voxels.iter_mut().for_each(free),
+        }
+    }
+
+    /// Each voxel, in memory of its own from now on.
+    fn each(&mut self) -> &mut [Voxel; BRICK_LEN] {
+        if let Self::Same(voxel) = *self {
+            *self = Self::Each(Box::new([voxel; BRICK_LEN]));
+        }
+        match self {
+            Self::Each(voxels) => voxels,
+            Self::Same(_) => unreachable!("it was replaced"),
+        }
+    }
+}
+
+/// Grid of voxels in bricks, x fastest.
 #[derive(Clone, Debug)]
 struct Volume {
     min: Vec3,
     /// Edge length of a voxel.
     step: f32,
     size: [usize; 3],
-    voxels: Vec<Voxel>,
+    bricks: Vec<Brick>,
 }
 
 impl Volume {
@@ -131,28 +164,66 @@ impl Volume {
         let (min, extent) = (min - margin, extent + 2.0 * margin);
         let step = extent.max_element() / f32::from(voxels);
         let size = extent.to_array().map(|edge| (edge / step).ceil() as usize + 1);
-        Self { min, step, size, voxels: vec![Voxel::default(); size.iter().product()] }
+        let count = size.iter().map(|edge| edge.div_ceil(BRICK)).product();
+        Self { min, step, size, bricks: vec![Brick::Same(Voxel::default()); count] }
     }
 
     fn point(&self, [x, y, z]: [usize; 3]) -> Vec3 {
         self.min + self.step * Vec3::new(x as f32, y as f32, z as f32)
     }
 
+    /// Index of a vertex of the grid.
     fn index(&self, [x, y, z]: [usize; 3]) -> usize {
         (z * self.size[1] + y) * self.size[0] + x
     }
 
+    /// Brick of a voxel.
+    fn brick(&self, at: [usize; 3]) -> &Brick {
+        let [columns, rows, _] = self.size.map(|edge| edge.div_ceil(BRICK));
+        let [x, y, z] = at.map(|k| k / BRICK);
+        &self.bricks[(z * rows + y) * columns + x]
+    }
+
+    /// Whether a cell lies in a brick of voxels that are the same.
+    fn is_uniform(&self, cell: [usize; 3]) -> bool {
+        cell.iter().all(|k| k % BRICK < BRICK - 1) && matches!(self.brick(cell), Brick::Same(_))
+    }
+
+    fn voxel(&self, at: [usize; 3]) -> &Voxel {
+        match self.brick(at) {
+            Brick::Same(voxel) => voxel,
+            Brick::Each(voxels) => {
+                let [x, y, z] = at.map(|k| k % BRICK);
+                &voxels[(z * BRICK + y) * BRICK + x]
+            }
+        }
+    }
+
     /// Adds the distances and colours of views, one after the other, to the visible voxels.
     fn integrate(&mut self, views: &[View]) {
-        let [width, height, _] = self.size;
-        let mut voxels = core::mem::take(&mut self.voxels);
-        voxels.par_chunks_mut(width).enumerate().for_each(|(row, voxels)| {
-            for (x, voxel) in voxels.iter_mut().enumerate() {
-                let point = self.point([x, row % height, row / height]);
-                *voxel = views.iter().fold(*voxel, |voxel, view| self.seen_in(view, point, voxel));
+        let [columns, rows, _] = self.size.map(|edge| edge.div_ceil(BRICK));
+        let mut bricks = core::mem::take(&mut self.bricks);
+        bricks.par_iter_mut().enumerate().for_each(|(index, brick)| {
+            let first = [index % columns, index / columns % rows, index / columns / rows].map(|k| k * BRICK);
+            let voxel = |index: usize| {
+                let offset = [index % BRICK, index / BRICK % BRICK, index / (BRICK * BRICK)];
+                self.point(core::array::from_fn(|k| first[k] + offset[k]))
+            };
+            let corners = core::array::from_fn(|corner| {
+                self.point(core::array::from_fn(|k| first[k] + (corner >> k & 1) * (BRICK - 1)))
+            });
+            for view in views {
+                match view.shown(corners, TRUNCATION_VOXELS * self.step) {
+                    Shown::Nothing => {}
+                    Shown::Free => brick.clear(),
+                    Shown::Any => {
+                        let voxels = brick.each().iter_mut().enumerate();
+                        voxels.for_each(|(index, own)| *own = self.seen_in(view, voxel(index), *own));
+                    }
+                }
             }
         });
-        self.voxels = voxels;
+        self.bricks = bricks;
     }
 
     /// A voxel at a point after a view.
@@ -172,8 +243,8 @@ impl Volume {
     /// triangles across each edge of the grid between four such cells.
     fn surface(&self) -> Mesh {
         let mut mesh = Mesh::default();
-        let mut vertex_of = vec![u32::MAX; self.voxels.len()];
-        for cell in cells(self.size.map(|size| size - 1)) {
+        let mut vertex_of = vec![u32::MAX; self.size.iter().product()];
+        for cell in cells(self.size.map(|size| size - 1)).filter(|cell| !self.is_uniform(*cell)) {
             if let Some((position, normal, color)) = self.vertex(cell) {
                 vertex_of[self.index(cell)] = mesh.positions.len() as u32;
                 mesh.positions.push(position.to_array());
@@ -181,8 +252,9 @@ impl Volume {
                 mesh.colors.push(color);
             }
         }
-        for (cell, axis) in cells(self.size.map(|size| size - 1)).flat_map(|cell| (0..3).map(move |axis| (cell, axis)))
-        {
+        // Of the four cells of a quad, the one at its corner is the last.
+        let with_vertex = cells(self.size.map(|size| size - 1)).filter(|cell| vertex_of[self.index(*cell)] != u32::MAX);
+        for (cell, axis) in with_vertex.flat_map(|cell| (0..3).map(move |axis| (cell, axis))) {
             if let Some(quad) = self.quad(cell, axis).and_then(|cells| complete(cells.map(|cell| vertex_of[cell]))) {
                 let [a, b, c, d] = quad;
                 mesh.triangles.extend([[a, b, c], [a, c, d]]);
@@ -193,9 +265,8 @@ impl Volume {
 
     /// Position, normal and colour of a cell's vertex.
     fn vertex(&self, cell: [usize; 3]) -> Option<(Vec3, [f32; 3], [f32; 3])> {
-        let corners: [Voxel; CORNERS] = core::array::from_fn(|corner| {
-            self.voxels[self.index(core::array::from_fn(|k| cell[k] + (corner >> k & 1)))]
-        });
+        let corners: [Voxel; CORNERS] =
+            core::array::from_fn(|corner| *self.voxel(core::array::from_fn(|k| cell[k] + (corner >> k & 1))));
         if corners.iter().any(|voxel| voxel.weight == 0.0) {
             return None;
         }
@@ -221,7 +292,7 @@ impl Volume {
         };
         let mut end = corner;
         end[axis] += 1;
-        let is_behind = [corner, end].map(|corner| self.voxels[self.index(corner)].distance < 0.0);
+        let is_behind = [corner, end].map(|corner| self.voxel(corner).distance < 0.0);
         let around = [[0, 0], [1, 0], [1, 1], [0, 1]].map(stepped);
         match is_behind {
             [true, false] => Some(around),
@@ -270,7 +341,10 @@ fn root(parents: &mut [u32], mut vertex: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use specula_core::scene::{Layout, len_of_values};
+    use specula_core::{
+        rules::{Channels, channel},
+        scene::{Layout, len_of_values},
+    };
 
     #[test]
     fn a_mean_that_is_not_finite_does_not_widen_the_volume() {
@@ -293,6 +367,65 @@ mod tests {
             gaussians.set(index, MEAN, [f32::NAN; 3]);
         }
         assert_eq!(size(&gaussians).len(), 3, "no mean is finite");
+    }
+
+    /// Channels of a picture of a ball of radius one half around the origin: its depths, full and
+    /// half covered, before nothing.
+    fn ball(camera: &Camera) -> Image<Vec<f32>> {
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let (channels, size) = (Channels::Training.count() + 1, width * height);
+        let depth = Channels::Training.index_of(channel::DEPTH).expect("depths are trained");
+        let mut values = vec![0.0; channels * size];
+        for pixel in 0..size {
+            let (x, y) = (pixel % width, pixel / width);
+            let ray = Vec3::new(
+                (x as f32 + 0.5 - camera.principal_px[0]) / camera.focal_px[0],
+                (y as f32 + 0.5 - camera.principal_px[1]) / camera.focal_px[1],
+                1.0,
+            );
+            let center = camera.camera_from_world * -camera.position;
+            let half = ray.dot(center) / ray.length_squared();
+            let root = half * half - (center.length_squared() - 0.25) / ray.length_squared();
+            let coverage = if root > 0.0 { [0.3, 0.7, 1.0][(x + y) % 3] } else { 0.0 };
+            values[depth * size + pixel] = coverage * (half - root.max(0.0).sqrt());
+            values[pixel] = coverage * 0.01 * (x % 90) as f32;
+            values[(channels - 1) * size + pixel] = 1.0 - coverage;
+        }
+        Image { width, height, channels, values }
+    }
+
+    #[test]
+    fn bricks_have_the_voxels_that_every_voxel_by_itself_has() {
+        let layout = Layout::radiance(0);
+        let mut gaussians = Gaussians { count: 2, layout, values: vec![0.0; len_of_values(2, layout)] };
+        gaussians.set(0, MEAN, [-0.7, -0.6, -0.65]);
+        gaussians.set(1, MEAN, [0.7, 0.6, 0.62]);
+        let mut volume = Volume::around(&gaussians, 45);
+        let from = |eye: [f32; 3], at: [f32; 3], width| {
+            Camera::look_at(Vec3::from(eye), Vec3::from(at), Vec3::Y, 0.8, width, 40)
+        };
+        let cameras = [
+            from([0.2, 0.4, 2.5], [0.0; 3], 150),
+            from([9.0, 5.0, 0.0], [0.0, 1.0, 0.0], 400),
+            from([2.0, 1.0, 1.0], [0.3, 0.2, 0.0], 61),
+            // Beside the ball, in the volume, and away from it.
+            from([0.65, 0.0, 0.6], [0.65, 0.0, -1.0], 50),
+            from([0.0, 0.0, 2.0], [0.0, 0.0, 4.0], 50),
+        ];
+        let views: Vec<View> = cameras.iter().map(|camera| View::new(camera, &ball(camera))).collect();
+        let plain = |at: [usize; 3]| {
+            let point = volume.point(at);
+            views.iter().fold(Voxel::default(), |voxel, view| volume.seen_in(view, point, voxel))
+        };
+        let all: Vec<[usize; 3]> = cells(volume.size).collect();
+        let expected: Vec<Voxel> = all.iter().map(|at| plain(*at)).collect();
+        let (far, near) = views.split_at(2);
+        volume.integrate(far);
+        let same = volume.bricks.iter().filter(|brick| matches!(brick, Brick::Same(_))).count();
+        assert!(same > volume.bricks.len() / 5, "{same} of {} bricks have one state", volume.bricks.len());
+        volume.integrate(near);
+        let other = all.iter().zip(&expected).find(|(at, voxel)| volume.voxel(**at) != *voxel);
+        assert_eq!(other, None, "{:?}", other.map(|(at, _)| volume.voxel(*at)));
     }
 
     #[test]
