@@ -31,7 +31,7 @@ pub(crate) use measure::{Compare, Eval, Report, TableFormat};
 pub(crate) use prefilter::{MipName, Prefilter, SchemeName};
 pub(crate) use preset::Preset;
 pub(crate) use render::{DEFAULT_LAYERS, Relight, Render, ViewOptions};
-pub(crate) use scene::{ProfileName, SceneOptions, Up};
+pub(crate) use scene::{OwnLightOption, ProfileName, SceneOptions, Up};
 use specula_scene::ExecutorChoice;
 use std::ffi::OsString;
 pub(crate) use train::{

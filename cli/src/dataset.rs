@@ -10,6 +10,7 @@ use specula_scene::{
     SceneError,
     capture::{Capture, Reading},
     dataset::{Dataset, Misplaced},
+    number::counted,
     orientation,
     text::shown,
 };
@@ -118,13 +119,15 @@ pub(crate) fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
             format!("{folder:?} has cameras of {program}, which are not supported; {remedy}")
         }
         Misplaced::Pictures { count, folder: pictures, unread: Some(ending) } => format!(
-            "{pictures:?} has {count} pictures in .{ending}, which is not read, and {folder:?} has no cameras; convert \
+            "{pictures:?} has {} in .{ending}, which specula does not read, and {folder:?} has no cameras; convert \
              them to JPEG, such as with magick mogrify -format jpg {}, and estimate their cameras with specula capture",
+            counted(count, "picture"),
             shown(&pictures.join(format!("*.{ending}")))
         ),
         Misplaced::Pictures { count, folder: pictures, unread: None } => format!(
-            "{pictures:?} has {count} pictures, but {folder:?} has no cameras (transforms_train.json, transforms.json \
+            "{pictures:?} has {}, but {folder:?} has no cameras (transforms_train.json, transforms.json \
              or sparse/0); estimate them: specula capture {} -o data",
+            counted(count, "picture"),
             shown(folder)
         ),
         Misplaced::Video(path) => format!(

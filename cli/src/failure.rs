@@ -181,7 +181,8 @@ impl From<clap::Error> for Failure {
 pub(crate) fn sentence_of(error: &clap::Error) -> String {
     let text = error.to_string();
     let sentences = text.lines().take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
-    let words: Vec<&str> = sentences.map(str::trim).filter(|line| !line.is_empty()).collect();
+    let is_of_parser = |line: &&str| line.starts_with("tip: to pass '--");
+    let words: Vec<&str> = sentences.map(str::trim).filter(|line| !line.is_empty() && !is_of_parser(line)).collect();
     let sentence = words.join("; ").replacen("error: ", "", 1).replace(":; ", ": ");
     match error.get(ContextKind::InvalidArg) {
         Some(ContextValue::String(word)) if error.kind() == ErrorKind::UnknownArgument => sentence + advice_on(word),
@@ -191,12 +192,11 @@ pub(crate) fn sentence_of(error: &clap::Error) -> String {
 
 /// Advice on a word that is no argument of a command.
 fn advice_on(word: &str) -> &'static str {
-    if included::light(word).is_some() {
-        "; a light follows --env, one at a time"
-    } else if word.starts_with('-') {
-        ""
-    } else {
-        "; a name with spaces needs quotes"
+    match word {
+        _ if included::light(word).is_some() => "; a light follows --env, one at a time",
+        "--quick" => "; only make has it: --minutes trains for a time",
+        "--iteration" => "; name the file of an iteration: MODEL/point_cloud/iteration_7000",
+        _ => "",
     }
 }
 

@@ -133,6 +133,7 @@ fn refuse_without_materials(scene: &Scene) -> Result<(), Failure> {
     if scene.gaussians.layout.is_physical {
         return Ok(());
     }
+    refuse_plain(scene)?;
     Err(Failure::Input(format!(
         "{}, so suns and lamps cannot light it; train it with --relightable, or use only an environment map",
         SceneError::NoMaterials

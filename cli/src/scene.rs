@@ -1,7 +1,7 @@
 //! Scenes of the program: opened as its options say, relit from files, rendered and measured.
 
 use crate::{
-    args::{ProfileName, SceneOptions, ViewOptions},
+    args::{OwnLightOption, ProfileName, SceneOptions, ViewOptions},
     dataset::suggestion,
     failure::Failure,
     included::{self, LIGHTS},
@@ -12,7 +12,7 @@ use specula_core::{antialias::LowPass, region::Ball, scene::Image, shade::Shadin
 use specula_io::{
     Error, Input, budget, dataset, glb,
     latlong::{LatLong, MapOrientation},
-    model_folder::{self, Model},
+    model_folder::{self, Model, ModelInfo},
 };
 use specula_report::measure::{self, ViewMeasures};
 use specula_scene::{
@@ -109,30 +109,45 @@ fn shading_model_of(model: &Model, profile: Option<ProfileName>) -> Result<Shadi
 }
 
 /// Rejects a light of the training beside an environment map, which replaces it.
-pub(crate) fn refuse_light_beside(env: Option<&Path>, number: Option<usize>) -> Result<(), Failure> {
-    match (env, number) {
+pub(crate) fn refuse_light_beside(
+    env: Option<&Path>,
+    OwnLightOption { light }: &OwnLightOption,
+) -> Result<(), Failure> {
+    match (env, light) {
         (Some(_), Some(_)) => Err(Failure::Input("--env replaces the lights of the training; omit --light".into())),
         _ => Ok(()),
     }
 }
 
-/// Puts all views of a model under one light of its training, if one is requested.
-pub(crate) fn select_light(opened: &mut OpenedModel, number: Option<usize>) -> Result<(), Failure> {
-    let Some(number) = number else { return Ok(()) };
-    opened.select_light(number).map_err(|error| Failure::Input(format!("{error}; change or omit --light")))
+/// Puts all views of a model under one light of its training, if one is requested, and names it.
+pub(crate) fn select_light(opened: &mut OpenedModel, OwnLightOption { light }: &OwnLightOption) -> Result<(), Failure> {
+    let Some(light) = light else { return Ok(()) };
+    let names = opened.info.iter().flat_map(ModelInfo::light_names);
+    let named = names.into_iter().position(|name| name == light).map(|index| index + 1);
+    let number = named.or_else(|| light.parse().ok()).ok_or_else(|| {
+        let names: Vec<String> =
+            opened.info.iter().flat_map(ModelInfo::light_names).map(|n| format!("{n:?}")).collect();
+        let known = if names.is_empty() { "only one light".into() } else { format!("the lights {}", names.join(", ")) };
+        Failure::Input(format!("the model has {known}, and no light {light:?}; change or omit --light"))
+    })?;
+    let count = 1 + opened.scene.other_lights.len();
+    opened.select_light(number).map_err(|error| Failure::Input(format!("{error}; change or omit --light")))?;
+    if let Some(name) = opened.light_name(number) {
+        tracing::info!("light {number} of {count}, {name:?}");
+    }
+    Ok(())
 }
 
 /// Puts a model under one light of its training, the first by default, and names it, if there are
 /// several.
-pub(crate) fn settle_light(opened: &mut OpenedModel, number: Option<usize>) -> Result<(), Failure> {
+pub(crate) fn settle_light(opened: &mut OpenedModel, requested: &OwnLightOption) -> Result<(), Failure> {
     let count = 1 + opened.scene.other_lights.len();
-    if count == 1 {
-        return select_light(opened, number);
+    if count == 1 || requested.light.is_some() {
+        return select_light(opened, requested);
     }
-    let number = number.unwrap_or(1);
-    select_light(opened, Some(number))?;
-    let name = opened.light_name(number).unwrap_or_default();
-    tracing::info!("light {number} of {count}, {name:?}; --light N selects another");
+    opened.select_light(1)?;
+    let name = opened.light_name(1).unwrap_or_default();
+    tracing::info!("light 1 of {count}, {name:?}; --light selects another by its name or number");
     Ok(())
 }
 
@@ -229,12 +244,17 @@ fn open_model(path: &Path, low_pass: Option<LowPass>) -> Result<Model, Failure> 
     Ok(model)
 }
 
-/// Models in a folder, by name.
+/// Models in a folder, by name; if there are none, those in its folders.
 fn models_in(folder: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut models: Vec<PathBuf> = entries.filter(|path| model_folder::latest_iteration(path).is_ok()).collect();
-    models.sort();
-    models
+    let entries = |folder: &Path| std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let models = |folder: &Path| entries(folder).filter(|path| model_folder::latest_iteration(path).is_ok());
+    let mut found: Vec<PathBuf> = models(folder).collect();
+    if found.is_empty() {
+        found =
+            entries(folder).filter(|path| path.is_dir()).flat_map(|path| models(&path).collect::<Vec<_>>()).collect();
+    }
+    found.sort();
+    found
 }
 
 /// Replaces the light of a scene by that of a file. `up` is the scene's up direction.
@@ -261,8 +281,8 @@ pub(crate) fn refuse_plain(scene: &Scene) -> Result<(), Failure> {
         return Ok(());
     }
     Err(Failure::Input(
-        "the scene is plain Gaussian splatting, which bakes the lighting into its colours; train it with --profile \
-         specula to relight it"
+        "the scene is plain Gaussian splatting, which bakes the lighting into its colours; only a training on its \
+         photographs finds materials (specula train)"
             .into(),
     ))
 }

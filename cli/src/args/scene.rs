@@ -1,6 +1,6 @@
 //! Arguments that commands share: profile, orientation, executor, environment map.
 
-use super::parse::{executor, finite, order, positive, projection};
+use super::parse::{executor, finite, order, projection};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use specula_core::{
@@ -38,12 +38,12 @@ pub(crate) struct SceneOptions {
 }
 
 /// Light of a model that was trained under several.
-#[derive(Args, Clone, Copy, Debug)]
+#[derive(Args, Clone, Debug)]
 pub(crate) struct OwnLightOption {
-    /// Light of a model that was trained under several: its number, from 1 [default: that of each
-    /// view of the data set, 1 for others].
-    #[arg(long = "light", value_name = "N", value_parser = positive::<usize>)]
-    pub(crate) number: Option<usize>,
+    /// Light of a model that was trained under several: its name, or its number from 1 [default:
+    /// that of each view of the data set, the first for others].
+    #[arg(long = "light", value_name = "NAME|N")]
+    pub(crate) light: Option<String>,
 }
 
 /// Low-pass filter for files that do not name one.

@@ -37,7 +37,7 @@ use std::{
 /// Measures, prints, and writes results and page.
 pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     let mut opened = scene::open(&args.scene, args.profile, args.antialiased.low_pass())?;
-    scene::select_light(&mut opened, args.light.number)?;
+    scene::select_light(&mut opened, &args.light)?;
     shade(&mut opened.scene, args.shading.shading())?;
     note_oddities(&opened);
     note_missing_light(&opened.scene, "open the folder of its model");

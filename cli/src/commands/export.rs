@@ -106,7 +106,7 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         .map(|(path, _)| prefilter::description_beside(path))
         .try_for_each(|path| prefilter::refuse_to_replace(&path))?;
     note_oddities(&opened);
-    scene::refuse_light_beside(args.env.as_deref(), args.light.number)?;
+    scene::refuse_light_beside(args.env.as_deref(), &args.light)?;
     let is_of_materials = |format: &ExportFormat| *format == ExportFormat::TexturedMesh;
     if args.env.is_some() && opened.scene.gaussians.layout.is_physical && formats.iter().all(is_of_materials) {
         return Err(Failure::Input(
@@ -116,7 +116,7 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         ));
     }
     if args.env.is_none() {
-        scene::settle_light(&mut opened, args.light.number)?;
+        scene::settle_light(&mut opened, &args.light)?;
     }
     let lights = NamedLights::first(&args.first, &opened.scene)?;
     check(&lights.lamps(Vec3::Z), RAYS).map_err(|fault| Failure::Input(fault.to_string()))?;

@@ -9,7 +9,7 @@ use specula_io::{
     points_ply,
 };
 use specula_report::contents::Contents;
-use specula_scene::{OpenedModel, text::shown};
+use specula_scene::{OpenedModel, number::counted, text::shown};
 use std::path::Path;
 
 /// Prints the contents.
@@ -31,7 +31,7 @@ pub(crate) fn run(args: &Info) -> Result<(), Failure> {
     };
     say(&contents, args.json)?;
     if args.strict && !findings.is_empty() {
-        return Err(Failure::Findings(format!("{} has {} faults or oddities", shown(&args.path), findings.len())));
+        return Err(Failure::Findings(format!("{} has {}", shown(&args.path), counted(findings.len(), "finding"))));
     }
     Ok(())
 }

@@ -210,6 +210,9 @@ impl Commands {
         tracing::info!("{line}");
         self.lines.push(line);
         match run_words(["specula"].iter().chain(words).map(Into::into).collect()) {
+            Err(Failure::Input(said)) if said.contains("another training is writing") => Err(Failure::Input(
+                "another make or train is writing to this folder; wait until it ends, or use another -o".into(),
+            )),
             Err(Failure::Interrupted(_)) => Err(Failure::Interrupted("interrupted; the same command continues".into())),
             done => done,
         }

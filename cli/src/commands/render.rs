@@ -37,7 +37,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     let layers = video.as_ref().map_or(&args.layers[..], Video::layers);
     let ViewOptions { scene_options, .. } = &args.views;
     let mut opened = scene::open_as(&args.scene, scene_options)?;
-    scene::select_light(&mut opened, args.light.number)?;
+    scene::select_light(&mut opened, &args.light)?;
     let mut set = CameraSet::choose(&(&args.views).into(), &opened)?;
     if args.env.is_some() {
         set.keep_light_still();
@@ -102,7 +102,7 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
 
 /// Rejects options without effect, and error bounds that cannot be kept.
 fn refuse_contradictions(args: &Render) -> Result<(), Failure> {
-    scene::refuse_light_beside(args.env.as_deref(), args.light.number)?;
+    scene::refuse_light_beside(args.env.as_deref(), &args.light)?;
     refuse_options_without_light(args.env.as_deref(), (&args.env_options).into())?;
     if args.max_error.is_some() && !Layer::expanded(&args.layers).contains(&Layer::Rgb) {
         return Err(Failure::Input("--max-error applies to colours; add rgb to --layers".into()));

@@ -306,13 +306,19 @@ fn light_pictures(args: &Train, profile: &Profile, data: &mut Capture) -> Result
     Ok(())
 }
 
+/// Pictures that a message lists.
+const LISTED_MAX: usize = 12;
+
 /// Puts each picture under its light in a table, which must know all of them.
 fn light_by_table(path: &Path, data: &mut Capture) -> Result<(), Failure> {
     let [lacking, unused] = data.light_by_table(&LightTable::read(path)?)?;
-    if let Some(first) = lacking.first() {
-        let count = lacking.len();
+    if !lacking.is_empty() {
+        let listed: Vec<String> = lacking.iter().take(LISTED_MAX).map(|name| format!("{name:?}")).collect();
+        let others = if lacking.len() > LISTED_MAX { ", …" } else { "" };
         return Err(Failure::Input(format!(
-            "{path:?} does not name {count} of the pictures, such as {first:?}; add a line for each"
+            "{path:?} does not name {} of the pictures: {}{others}; add a line for each, or move it out of the data set",
+            lacking.len(),
+            listed.join(", ")
         )));
     }
     if let Some(first) = unused.first() {
@@ -431,6 +437,7 @@ fn options_of(args: &Train) -> LoadOptions {
         origin: None,
         masks,
         light_table: args.start.lights_by.clone(),
+        has_lights: args.start.lights_by.is_some(),
     }
 }
 

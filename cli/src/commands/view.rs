@@ -7,7 +7,7 @@ use crate::{
     interrupt,
     lights::NamedLights,
     output,
-    scene::{self, background_of, light_input, note_oddities},
+    scene::{self, background_of, light_input, note_oddities, refuse_plain},
 };
 use core::net::SocketAddr;
 use specula_scene::{OpenedModel, RenderOptions, Scene, dataset};
@@ -19,9 +19,12 @@ use std::{io::IsTerminal, path::PathBuf, sync::Arc};
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(args: &View) -> Result<(), Failure> {
     let mut opened = scene::open_as(&args.scene, &args.scene_options)?;
-    scene::settle_light(&mut opened, args.light.number)?;
+    scene::settle_light(&mut opened, &args.light)?;
     note_oddities(&opened);
     let lights = NamedLights::first(&args.first, &opened.scene)?;
+    if !args.env.is_empty() || lights.env.is_some() {
+        refuse_plain(&opened.scene)?;
+    }
     let background = background_of(&opened, args.background).0;
     let orientation = opened.orientation(args.scene_options.scene_up.map(Into::into))?;
     note_guessed_up(&orientation);

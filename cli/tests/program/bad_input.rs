@@ -218,7 +218,7 @@ fn a_data_set_in_place_of_a_model_and_a_video_in_place_of_a_folder() {
     fs::write(tiny.path("walk.mov"), "").unwrap();
     for name in ["info", "view", "render", "relight"] {
         for (scene, words) in [
-            ("bare", ["1 pictures", "specula capture"]),
+            ("bare", ["1 picture,", "specula capture"]),
             ("data/train", ["part of a data set", "the folder above"]),
             ("walk.mov", ["a video", "specula capture"]),
         ] {
@@ -376,7 +376,10 @@ fn a_plain_scene_cannot_be_relit() {
     write_light(&env, 1.0);
     let mut command = specula();
     command.arg("relight").arg(&scene).arg("--env").arg(&env).arg("-o").arg(tiny.path("out"));
-    refuses(command, &["plain", "--profile specula"]);
+    refuses(command, &["plain", "specula train"]);
+    let mut command = specula();
+    command.arg("view").arg(&scene).arg("--env").arg(&env).args(["--listen", "0"]);
+    refuses(command, &["plain", "specula train"]);
     assert!(!tiny.path("out").exists(), "a folder was made for pictures that cannot be");
 }
 

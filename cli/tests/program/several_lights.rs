@@ -210,7 +210,11 @@ fn lights_that_a_model_does_not_have_are_refused() {
     let said = open(&["export", "--light", "3"], 2);
     assert!(said.contains("2 lights") && said.contains("no light 3"), "{said}");
     assert!(open(&["export"], 0).contains("light 1 of 2, \"noon\""));
-    assert!(open(&["export", "--light", "2"], 0).contains("light 2 of 2, \"evening\""));
+    for light in ["2", "evening"] {
+        assert!(open(&["export", "--light", light], 0).contains("light 2 of 2, \"evening\""), "{light}");
+    }
+    let said = open(&["export", "--light", "dusk"], 2);
+    assert!(said.contains("\"noon\", \"evening\"") && said.contains("no light \"dusk\""), "{said}");
     open(&["export", "--env", "sunset"], 0);
     let said = stderr(specula().arg("render").arg(&model).args(["--env", "sunset", "--light", "1"]), 2);
     assert!(said.contains("omit --light"), "{said}");

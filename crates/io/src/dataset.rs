@@ -11,7 +11,7 @@ use crate::{
     blender, colmap,
     doubts::doubts,
     error::{Error, Result},
-    left_out::left_out,
+    left_out::{left_out, light_tables},
     listing::Listing,
     masks,
     materials::MaterialFiles,
@@ -97,6 +97,9 @@ impl Album {
     pub fn list(folder: &Path, options: &LoadOptions) -> Result<Self> {
         let (files, mut listing) = list(folder, options)?;
         listing.used.extend(options.light_table.clone());
+        if options.has_lights {
+            listing.used.extend(light_tables(&files));
+        }
         let report = Report::of(&files, &listing);
         if let Some(path) = &options.points {
             listing.points = Some(points_ply::read_noting(path, &mut listing.notes)?);

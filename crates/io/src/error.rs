@@ -20,7 +20,7 @@ pub enum Error {
         cause: io::Error,
     },
     /// The operating system refused to write.
-    #[error("cannot write {path:?}: {cause}; free some space, or use a writable folder")]
+    #[error("cannot write {path:?}: {cause}; {}", remedy_of(cause))]
     Write {
         /// The file.
         path: PathBuf,
@@ -254,7 +254,7 @@ pub enum Error {
         path: PathBuf,
     },
     /// The header of a PLY file is invalid.
-    #[error("cannot read {path:?} as a PLY file: {cause}")]
+    #[error("cannot read {path:?} as a PLY file: {cause}; open a model folder, or a .ply, .glb, .spz or .splat file")]
     PlyHeader {
         /// The file.
         path: PathBuf,
@@ -423,6 +423,16 @@ pub enum Error {
         /// Requested iteration, or N.
         iteration: String,
     },
+}
+
+/// What to do where the operating system refused to write.
+fn remedy_of(cause: &io::Error) -> &'static str {
+    match cause.kind() {
+        io::ErrorKind::AlreadyExists | io::ErrorKind::NotADirectory => {
+            "a file is in the place of a folder; use another name"
+        }
+        _ => "free some space, or use a writable folder",
+    }
 }
 
 impl Error {

@@ -57,6 +57,16 @@ fn files_of(shot: &Shot) -> impl Iterator<Item = &Path> {
     [Some(&shot.image)].into_iter().chain(optional).chain(normal).flatten().map(PathBuf::as_path)
 }
 
+/// Tables of lights at the top level.
+pub(crate) fn light_tables(files: &Files) -> Vec<PathBuf> {
+    let at_top = files.paths.iter().filter(|path| parent(path) == Path::new(""));
+    at_top.filter(|path| is_light_table(&files.root, path)).cloned().collect()
+}
+
+fn is_light_table(root: &Path, top: &Path) -> bool {
+    top.extension().is_some_and(|ending| ending == "csv") && LightTable::read(&root.join(top)).is_ok()
+}
+
 /// True if a file is not part of a data set.
 fn is_aside(path: &Path) -> bool {
     let is_of = |name: &str, known: &[&str]| known.iter().any(|known| name.eq_ignore_ascii_case(known));
@@ -73,7 +83,7 @@ fn entry(root: &Path, top: &Path, count: usize) -> String {
     let factor = name.rsplit_once('_').map(|(_, factor)| factor).filter(|factor| ["2", "4", "8"].contains(factor));
     match factor {
         Some(factor) => format!("{top:?} ({count} files, copies for pictures {factor} times smaller)"),
-        None if top.extension().is_some_and(|ending| ending == "csv") && LightTable::read(&root.join(top)).is_ok() => {
+        None if is_light_table(root, top) => {
             format!("{top:?} (does it name the light of each picture? add --lights-by {})", root.join(top).display())
         }
         None if top.extension().is_none() || count > 1 => format!("{top:?} ({count} files)"),

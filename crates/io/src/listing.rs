@@ -26,6 +26,8 @@ pub struct LoadOptions {
     pub masks: MaskUse,
     /// Table of lights that the caller reads, which is not reported as unused.
     pub light_table: Option<PathBuf>,
+    /// Whether the lights of the pictures are known, so that tables of them are not reported.
+    pub has_lights: bool,
 }
 
 /// Meaning of the pixels that masks hide.
@@ -68,6 +70,7 @@ impl Default for LoadOptions {
             origin: None,
             masks: MaskUse::default(),
             light_table: None,
+            has_lights: false,
         }
     }
 }

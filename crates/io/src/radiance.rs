@@ -114,6 +114,8 @@ fn is_neutral(key: &str, value: &str) -> bool {
     let within = |expected: f64, number: f64, most: f64| (number - expected).abs() <= most;
     match key {
         "EXPOSURE" | "COLORCORR" => numbers.into_iter().all(|number| within(1.0, number, 1e-6)),
+        // Zeros stand for none.
+        "PRIMARIES" if numbers.clone().all(|number| number == 0.0) => true,
         "PRIMARIES" => numbers.zip(PRIMARIES.as_flattened()).all(|(number, known)| within(*known, number, SAME)),
         _ => true,
     }

@@ -2,12 +2,20 @@
 //!
 //! The plane is found among the vertices of the scene's surface with upward normals: the height
 //! that most of them share, then the plane with the least squared distances from the vertices near
-//! it.
+//! it. Objects are the connected parts of the Gaussians above it, and what is at the height of the
+//! plane below them: their feet, since the plane of a blurred surface lies too high. Remains of
+//! walls are neither connected with them nor small.
 
 use crate::foreground::Foreground;
 use core::{fmt, str::FromStr};
 use glam::{DMat3, DVec3, Vec3};
-use specula_core::{near_field::NearField, region::Ball};
+use specula_core::{
+    activation::sigmoid,
+    near_field::NearField,
+    region::Ball,
+    scene::{Gaussians, LOG_SCALE, MEAN, OPACITY},
+};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Part of a scene to keep.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,13 +71,94 @@ const FITTED_DEVIATIONS: f64 = 3.0;
 /// Least and greatest margin above the plane, as shares of the radius.
 const MARGIN: [f64; 2] = [0.01, 0.03];
 
+/// Largest deviation of an object's Gaussians, as a share of the radius: those of blurred walls are
+/// larger.
+const DEVIATION_MAX: f32 = 0.1;
+/// Edge of a cell in the search for connected parts, as a share of the radius, and the least sum of
+/// the opacities in a cell of such a part.
+const CELL: f32 = 0.04;
+const OPACITY_MIN: f32 = 0.5;
+/// Least share of a part in the opacities of the greatest one.
+const PART_MIN: f32 = 0.05;
+/// Cells above the plane that make the outline of the objects' feet, and depth of the feet below
+/// it, as a share of the radius.
+const OUTLINE: i32 = 2;
+const FOOT: f32 = 0.12;
+
 /// Plane that an object stands on, with a margin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Support {
     center: Vec3,
+    radius: f32,
+    /// East and north.
+    axes: [Vec3; 2],
     /// Its normal over the cosine of its angle to up.
     slope: Vec3,
     level: f32,
+}
+
+/// Objects that stand on a plane.
+#[derive(Clone, Debug)]
+pub(crate) struct Objects {
+    support: Support,
+    /// Cells of their connected parts, and those around them: east, north, height above the plane.
+    cells: BTreeSet<[i32; 3]>,
+    /// Columns of cells with a foot.
+    feet: BTreeSet<[i32; 2]>,
+}
+
+impl Objects {
+    /// Objects among Gaussians in a ball.
+    pub(crate) fn on(support: Support, gaussians: &Gaussians<Vec<f32>>, ball: &Ball) -> Self {
+        let mut opacities: BTreeMap<[i32; 3], f32> = BTreeMap::new();
+        for index in (0..gaussians.count).filter(|index| support.takes(gaussians, *index)) {
+            let mean = gaussians.get::<3>(index, MEAN);
+            if ball.contains(mean) && support.is_below(mean) {
+                let [opacity] = gaussians.get::<1>(index, OPACITY).map(sigmoid);
+                *opacities.entry(support.cell(mean)).or_default() += opacity;
+            }
+        }
+        opacities.retain(|_, opacity| *opacity >= OPACITY_MIN);
+        let parts = connected(&opacities);
+        let weight = |part: &Vec<[i32; 3]>| part.iter().map(|cell| opacities[cell]).sum::<f32>();
+        let greatest = parts.iter().map(weight).fold(0.0, f32::max);
+        let large = parts.iter().filter(|part| weight(part) >= PART_MIN * greatest).flatten();
+        let own: BTreeSet<[i32; 3]> = large.copied().collect();
+        let feet = own.iter().filter(|[.., height]| *height < OUTLINE).map(|[east, north, _]| [*east, *north]);
+        Self { support, feet: feet.collect(), cells: own.iter().flat_map(around).collect() }
+    }
+
+    /// Whether a point belongs to an object.
+    pub(crate) fn contain(&self, point: [f32; 3]) -> bool {
+        let [east, north, height] = self.support.cell(point);
+        match self.support.is_below(point) {
+            true => self.cells.contains(&[east, north, height]),
+            false => self.support.height(point) > -FOOT * self.support.radius && self.feet.contains(&[east, north]),
+        }
+    }
+}
+
+/// A cell and its 26 neighbours.
+fn around([x, y, z]: &[i32; 3]) -> impl Iterator<Item = [i32; 3]> + use<> {
+    let [x, y, z] = [*x, *y, *z];
+    (0..27).map(move |k| [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1])
+}
+
+/// Connected parts of cells.
+fn connected(cells: &BTreeMap<[i32; 3], f32>) -> Vec<Vec<[i32; 3]>> {
+    let mut left: BTreeSet<[i32; 3]> = cells.keys().copied().collect();
+    let mut parts = Vec::new();
+    while let Some(first) = left.iter().next().copied() {
+        left.remove(&first);
+        let mut part = vec![first];
+        let mut next = 0;
+        while let Some(cell) = part.get(next).copied() {
+            part.extend(around(&cell).filter(|other| left.remove(other)));
+            next += 1;
+        }
+        parts.push(part);
+    }
+    parts
 }
 
 impl Support {
@@ -105,12 +194,30 @@ impl Support {
         }
         let margin = (DEVIATIONS * deviation).clamp(MARGIN[0], MARGIN[1]);
         let slope = up - axes[0] * plane.x as f32 - axes[1] * plane.y as f32;
-        Some(Self { center, slope, level: (plane.z + margin) as f32 * ball.radius })
+        Some(Self { center, radius: ball.radius, axes, slope, level: (plane.z + margin) as f32 * ball.radius })
+    }
+
+    /// Height of a point above the plane and its margin.
+    fn height(&self, point: [f32; 3]) -> f32 {
+        self.slope.dot(Vec3::from(point) - self.center) - self.level
+    }
+
+    /// Cell of a point: east, north and height above the plane.
+    fn cell(&self, point: [f32; 3]) -> [i32; 3] {
+        let from_center = Vec3::from(point) - self.center;
+        let [east, north] = self.axes.map(|axis| axis.dot(from_center));
+        [east, north, self.height(point)].map(|x| (x / (CELL * self.radius)).floor() as i32)
+    }
+
+    /// Whether a Gaussian is small enough for an object's.
+    pub(crate) fn takes(&self, gaussians: &Gaussians<Vec<f32>>, index: usize) -> bool {
+        let log_scale_max = (DEVIATION_MAX * self.radius).ln();
+        gaussians.get::<3>(index, LOG_SCALE).iter().all(|log_scale| *log_scale < log_scale_max)
     }
 
     /// True if the plane, with its margin, is below a point.
     pub(crate) fn is_below(&self, point: [f32; 3]) -> bool {
-        self.slope.dot(Vec3::from(point) - self.center) > self.level
+        self.height(point) > 0.0
     }
 }
 
@@ -143,7 +250,11 @@ fn distance(at: DVec3, plane: DVec3) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use specula_core::{near_field::VERTEX_LEN, random};
+    use specula_core::{
+        near_field::VERTEX_LEN,
+        random,
+        scene::{Layout, len_of_values},
+    };
 
     #[test]
     fn only_words_shares_and_balls_are_crops() {
@@ -208,6 +319,37 @@ mod tests {
                 assert!(kept(1600..3600) > 1900, "{} of the ball's vertices are left", kept(1600..3600));
             }
         }
+    }
+
+    #[test]
+    fn objects_are_connected_small_and_have_feet() {
+        let ball = Ball { center: [0.0; 3], radius: 2.0 };
+        let (vertices, _) = on_a_table(Vec3::Z, 0.0, 1600);
+        let support = Support::of(&surface(&vertices), &ball, Vec3::Z).expect("there is a table");
+        // A cup that is sunk into the table, a speck of a wall, and its blur.
+        let sunk = (0..2000).map(|k| {
+            let turn = 2.4 * k as f32;
+            Vec3::new(0.5 * turn.cos(), 0.5 * turn.sin(), -1.15 + 1.6 * (k as f32 + 0.5) / 2000.0)
+        });
+        let speck = [Vec3::new(1.6, 0.0, 0.5); 3];
+        let positions: Vec<Vec3> = sunk.chain(speck).chain([Vec3::new(0.9, 0.0, 0.0)]).collect();
+        let layout = Layout::radiance(0);
+        let len = len_of_values(positions.len(), layout);
+        let mut gaussians = Gaussians { count: positions.len(), layout, values: vec![0.0; len] };
+        for (index, position) in positions.iter().enumerate() {
+            let is_blur = index + 1 == positions.len();
+            gaussians.set(index, MEAN, position.to_array());
+            gaussians.set(index, LOG_SCALE, [if is_blur { -1.0 } else { -4.0 }; 3]);
+            gaussians.set(index, OPACITY, [3.0]);
+        }
+        let objects = Objects::on(support, &gaussians, &ball);
+        let kept = |index: usize| support.takes(&gaussians, index) && objects.contain(positions[index].to_array());
+        let below = (0..2000).filter(|index| !support.is_below(positions[*index].to_array()));
+        let (below, feet): (Vec<usize>, Vec<usize>) = (below.clone().collect(), below.filter(|k| kept(*k)).collect());
+        assert!(below.len() > 50 && feet.len() > below.len() / 2, "{} of {} are feet", feet.len(), below.len());
+        assert!((0..2000).filter(|index| kept(*index)).count() > 1900, "the cup stays");
+        assert!((2000..2004).all(|index| !kept(index)), "remains of walls go");
+        assert!(!objects.contain([0.9, 0.9, -1.0]), "so does the table beside the cup");
     }
 
     #[test]

@@ -144,6 +144,7 @@ pub fn options_of(info: &ModelInfo) -> LoadOptions {
         origin: Some(info.origin),
         masks: masks.and_then(MaskUse::named).unwrap_or_default(),
         light_table: None,
+        has_lights: !info.light_names().is_empty(),
     }
 }
 

@@ -106,7 +106,10 @@ pub fn fuse_textured(
     };
     let normals = layout.is_shaded().then_some(read);
     let mesh = views.simplified(&mut renderer, normals, mesh, voxel, triangles)?;
-    tracing::info!("unfolding {} triangles into textures of {texels} × {texels}", mesh.triangles.len());
+    tracing::info!(
+        "unfolding {} triangles into textures of {texels} × {texels}, which can take minutes",
+        group_digits(mesh.triangles.len())
+    );
     let atlas = Atlas::new(&mesh, texels)?;
     let texels = Texels::new(&atlas);
     let means = views.means(&mut renderer, read, [&texels.positions, &texels.normals], voxel)?;
@@ -196,7 +199,7 @@ impl<P: FnMut(usize, usize)> Views<'_, P> {
             None => vec![[0.0; 3]; mesh.positions.len()],
         };
         let [from, to] = [mesh.triangles.len(), count_max].map(group_digits);
-        tracing::info!("simplifying {from} triangles to {to}");
+        tracing::info!("simplifying {from} triangles to {to}, which can take minutes");
         Ok(simplified(aligned(&mesh, &normals), count_max).with_own_normals())
     }
 

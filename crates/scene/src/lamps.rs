@@ -119,7 +119,7 @@ pub struct SunChoice {
 /// Text that is not a [`SunChoice`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "use AZIMUTH,ELEVATION in degrees, then STRENGTH of 0 or more and the sun's diameter below 180°, such as 30,45 or \
+    "use AZIMUTH,ELEVATION in degrees, the elevation from −90 to 90, then STRENGTH of 0 or more and the sun's diameter below 180°, such as 30,45 or \
      30,45,3,0.53, and a colour after a colon, such as 30,45,3:ffddaa"
 )]
 pub struct InvalidSun;

@@ -1,5 +1,10 @@
 //! Numbers as text.
 
+/// A number of things by their singular, such as "1 picture" and "12 pictures".
+pub fn counted(number: usize, thing: &str) -> String {
+    format!("{} {thing}{}", group_digits(number), if number == 1 { "" } else { "s" })
+}
+
 /// Decimal digits in groups of three, separated by spaces: 1 234 567.
 pub fn group_digits(number: usize) -> String {
     let digits = number.to_string();

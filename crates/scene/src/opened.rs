@@ -3,7 +3,7 @@
 use crate::{
     Scene, SceneError, ShadingModel, Surface,
     camera_set::keep_light_still,
-    crop::{Crop, Support},
+    crop::{Crop, Objects, Support},
     export::UPRIGHT_COMMENT,
     foreground::Foreground,
     import::{Imported, scene_of_glb},
@@ -308,8 +308,13 @@ impl OpenedModel {
         let Some(ball) = region.ball(Some(&orientation), self.origin) else { return Ok(None) };
         let surface = self.scene.near_field.as_deref().filter(|_| crop == Crop::Object);
         let support = surface.and_then(|surface| Support::of(surface, &ball, up(&orientation)));
-        let is_above = |point| support.is_none_or(|support| support.is_below(point));
-        self.scene = self.scene.cropped(|point| ball.contains(point) && is_above(point));
+        let objects = support.map(|support| Objects::on(support, &self.scene.gaussians, &ball));
+        if let Some(support) = support {
+            let small = (0..self.scene.gaussians.count).filter(|index| support.takes(&self.scene.gaussians, *index));
+            self.scene = self.scene.kept(&small.collect::<Vec<_>>());
+        }
+        let is_theirs = |point| objects.as_ref().is_none_or(|objects| objects.contain(point));
+        self.scene = self.scene.cropped(|point| ball.contains(point) && is_theirs(point));
         self.crop = Some(if support.is_some() { crop } else { Crop::Region(region) });
         Ok(Some(ball))
     }
