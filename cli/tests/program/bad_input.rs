@@ -194,7 +194,7 @@ fn pictures_videos_and_cameras_of_other_programs_are_no_data_set_yet() {
         fs::remove_dir_all(folder).unwrap();
     };
     no_data(&["images/a.jpg", "images/b.JPG"], &["2 pictures", "no cameras", "specula capture"]);
-    no_data(&["a.heic"], &["1 pictures in .heic", "no cameras", "mogrify", "specula capture"]);
+    no_data(&["a.heic"], &["1 picture in .heic", "no cameras", "mogrify", "specula capture"]);
     no_data(&["images/a.jpg", "reconstruction.json"], &["OpenSfM", "opensfm export_colmap"]);
     no_data(&["scan.psx"], &["Metashape", "Export Cameras"]);
     no_data(&["walk.MP4"], &["a video", "specula capture", "-o data"]);
