@@ -29,7 +29,7 @@ pub(crate) struct View {
     tiles: Vec<[f32; 2]>,
 }
 
-/// What a view shows of a box.
+/// Content of a box in a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Shown {
     /// Nothing: the box is outside of the picture, or hidden.
@@ -68,7 +68,7 @@ impl View {
         }
     }
 
-    /// What a view shows of a box by its corners, if surfaces are seen up to a depth `behind` them.
+    /// Content of a box in the view by its corners, if surfaces are seen up to a depth `behind` them.
     /// Certain up to rounding of the points between the corners.
     pub(crate) fn shown(&self, corners: [Vec3; 8], behind: f32) -> Shown {
         /// Bounds of rounding, in pixels, as a share of `behind`, and of a depth.
