@@ -425,7 +425,7 @@ pub enum Error {
     },
 }
 
-/// What to do where the operating system refused to write.
+/// Remedy where the operating system refused to write.
 fn remedy_of(cause: &io::Error) -> &'static str {
     match cause.kind() {
         io::ErrorKind::AlreadyExists | io::ErrorKind::NotADirectory => {
