@@ -68,7 +68,7 @@ impl View {
         }
     }
 
-    /// Content of a box in the view by its corners, if surfaces are seen up to a depth `behind` them.
+    /// Content of a box in the view by its corners, if surfaces are seen up to `behind` them.
     /// Certain up to rounding of the points between the corners.
     pub(crate) fn shown(&self, corners: [Vec3; 8], behind: f32) -> Shown {
         /// Bounds of rounding, in pixels, as a share of `behind`, and of a depth.
