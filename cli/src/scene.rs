@@ -340,7 +340,7 @@ pub(crate) fn measure_held_out(
 pub(crate) fn read_env(path: &Path, exposure: f32) -> Result<LatLong, Failure> {
     let read = light_file::read(light_input(path)?);
     let (mut map, warnings) = read.map_err(|error| match error {
-        SceneError::File(Error::Image { cause, .. }) => not_a_light(path, &format!(" that can be read ({cause})")),
+        SceneError::File(Error::Image { cause, .. }) => not_a_light(path, &format!(" ({cause})")),
         error => error.into(),
     })?;
     warnings.iter().for_each(|warning| tracing::info!("{warning}"));
@@ -351,7 +351,7 @@ pub(crate) fn read_env(path: &Path, exposure: f32) -> Result<LatLong, Failure> {
 
 fn not_a_light(path: &Path, what: &str) -> Failure {
     let names = LIGHTS.join(", ");
-    Failure::Input(format!("{path:?} is no environment map{what}; name a .hdr or .exr file, or {names}"))
+    Failure::Input(format!("{path:?} is not an environment map{what}; name a .hdr or .exr file, or {names}"))
 }
 
 /// Map of a file, or else one that the program contains.

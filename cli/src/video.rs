@@ -165,7 +165,7 @@ fn refuse_other_file(path: &Path, ending: &str) -> Result<(), Failure> {
         return Ok(());
     }
     Err(Failure::Input(format!(
-        "{path:?} is named neither like a folder of pictures nor like a video ({}); pictures are written to -o {}",
+        "{path:?} does not name a folder or a video ({}); for pictures, name a folder: -o {}",
         ENDINGS.map(|ending| format!(".{ending}")).join(", "),
         shown(&path.with_extension(""))
     )))

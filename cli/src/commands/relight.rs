@@ -116,7 +116,7 @@ fn over_ground(args: &Relight, has_ground: bool, opened: &OpenedModel) -> ViewOp
         return args.views.clone();
     }
     tracing::info!(
-        "the ground is white, since the model's background is black and shows no shadow; or set --background"
+        "the ground is white, because the model's background is black and shows no shadow; --background changes it"
     );
     ViewOptions { background: Some(BackgroundChoice::Color(BackgroundColor([1.0; 3]))), ..args.views.clone() }
 }

@@ -243,7 +243,7 @@ fn a_data_set_in_place_of_a_model_and_a_video_in_place_of_a_folder() {
     for name in ["picture.png", "song.mp3"] {
         let mut command = specula();
         command.arg("render").arg(tiny.path("model")).arg("-o").arg(tiny.path(name));
-        refuses(command, &[name, "neither like a folder of pictures nor like a video"]);
+        refuses(command, &[name, "does not name a folder or a video"]);
     }
 }
 
@@ -267,7 +267,7 @@ fn what_is_no_light_is_told_from_one() {
     for (light, told) in [("model", "but a folder"), ("notes.txt", "that can be read")] {
         let mut command = specula();
         command.arg("relight").arg(&model).arg("--env").arg(tiny.path(light));
-        refuses(command, &["is no environment map", told, ".hdr or .exr", "sunset"]);
+        refuses(command, &["is not an environment map", told, ".hdr or .exr", "sunset"]);
     }
     let mut command = specula();
     command.arg("relight").arg(&model).arg("--lights").arg(tiny.path("notes.txt"));

@@ -30,7 +30,7 @@ impl Input {
                     let (folder, name) = (path.parent().unwrap_or(Path::new("")), path.file_name().unwrap_or_default());
                     Ok(vec![Self::Pictures { folder: folder.to_owned(), paths: vec![name.into()] }])
                 }
-                _ => Err(refuse(path, "is neither a video nor a picture that is read (JPEG, PNG, WebP)")),
+                _ => Err(refuse(path, "is neither a video nor a JPEG, PNG or WebP picture")),
             };
         }
         if !path.is_dir() {

@@ -75,7 +75,7 @@ impl LightTable {
                 [picture, group, turn] => (picture, group, Some(turn), SHARED),
                 [picture, group, turn, light] => (picture, group, Some(turn), light),
                 _ => {
-                    let what = "has not two to four words; give picture and light, or picture, group and degrees";
+                    let what = "does not have two to four words; give picture and light, or picture, group and degrees";
                     return refuse(line, what.into());
                 }
             };

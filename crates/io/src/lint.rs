@@ -253,7 +253,7 @@ fn of_numbers(gaussians: &Gaussians<Vec<f32>>) -> Vec<Finding> {
     );
     add(
         all().filter(|index| length(*index) > 0.0 && (length(*index) - 1.0).abs() > QUAT_TOLERANCE).collect(),
-        "have quats that are not normalised",
+        "have quaternions that are not normalised",
         "INRIA's viewer, SuperSplat and specula normalise them; viewers that do not stretch the splats",
     );
     let is_share = |index: usize| (0.0..=1.0).contains(&number(index, OPACITY));

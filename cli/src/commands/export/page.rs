@@ -89,7 +89,7 @@ impl Exporter<'_> {
         if precision == PackPrecision::Exact {
             return Ok("lossless".to_owned());
         }
-        let rounded = "numbers are rounded";
+        let rounded = "stored numbers are rounded";
         if self.args.no_error {
             return Ok(rounded.to_owned());
         }
