@@ -40,8 +40,8 @@ pub(crate) use train::{
 };
 pub(crate) use view::View;
 
-/// Make relightable 3D scenes from photographs: train, render and relight Gaussians with a shading
-/// function.
+/// Make 3D scenes of photographs that can be relit: train, render and relight Gaussians with a
+/// shading function.
 ///
 /// Each Gaussian has a diffuse colour, a specular tint, a roughness and a normal. All Gaussians
 /// share one environment light, a cube map that is trained along with them. Glossy surfaces keep

@@ -16,7 +16,7 @@ const LENSES: [&str; 8] = [
     "THIN_PRISM_FISHEYE",
 ];
 
-/// Make a data set from a video or photographs: select frames, estimate cameras, diagnose.
+/// Make a data set of a video or of photographs: select frames, estimate cameras, diagnose.
 ///
 /// Frames are selected by sharpness, exposure and view change, with ffmpeg. Cameras are estimated
 /// by COLMAP or pycolmap; specula doctor says which is found. DATA receives images, masks,

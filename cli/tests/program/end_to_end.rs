@@ -67,7 +67,7 @@ fn photographs_are_trained_measured_and_rendered() {
 
 #[test]
 fn objects_are_told_from_scenes_by_the_alpha_of_all_pictures() {
-    const NOTE: &str = "settings for objects";
+    const NOTE: &str = "settings are those for objects";
     let tiny = Tiny::new();
     let notes = |model: &str, options: &[&str]| {
         let mut train = specula();

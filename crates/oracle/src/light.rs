@@ -7,6 +7,7 @@ use crate::{
 use rayon::prelude::*;
 use specula_core::{
     cubemap::{self, FACE_COUNT},
+    double::Double,
     environment::{self, radiance_vjp},
     light_network::{ENCODING, WEIGHT_MAX, attenuations, bounded, bounded_vjp, encode, evaluate, evaluate_vjp},
     light_view::{LightView, TexelMap},
@@ -33,6 +34,32 @@ pub struct Operator {
     rows: Vec<Vec<Vec<(usize, f64)>>>,
 }
 
+/// Direction and solid angle of each node down to half the width of the base's, which rows need
+/// often.
+struct Places {
+    /// By resolution, finest first.
+    levels: Vec<Vec<(Vec3<Double>, f64)>>,
+    finest: usize,
+}
+
+impl Places {
+    fn new(base: usize) -> Self {
+        let place = |node: &Node| (node.direction(), node.solid_angle());
+        let level = |resolution: usize| {
+            let nodes: Vec<Node> = texels_of(resolution).collect();
+            nodes.par_iter().map(place).collect()
+        };
+        let finest = 2 * base;
+        let sizes = core::iter::successors(Some(finest), |size| Some(size / 2));
+        Self { levels: sizes.take_while(|size| *size >= 1).map(level).collect(), finest }
+    }
+
+    fn of(&self, node: &Node) -> (Vec3<Double>, f64) {
+        let level = (self.finest / node.resolution).ilog2() as usize;
+        self.levels[level][cubemap::texel_index(node.face, node.column, node.row, node.resolution)]
+    }
+}
+
 /// Texels of a map without apron, in order.
 fn texels_of(resolution: usize) -> impl Iterator<Item = Node> {
     let row = move |face, row| (0..resolution).map(move |column| Node { face, column, row, resolution });
@@ -56,10 +83,11 @@ impl Operator {
             pyramid.push((size / 2, first + FACE_COUNT * size * size));
         }
         let mut operator = Self { levels, pyramid, fineness, rows: Vec::new() };
+        let places = Places::new(resolution);
         for level in levels.as_slice() {
             let alpha_ggx = f64::from(level.roughness) * f64::from(level.roughness);
             let texels: Vec<Node> = texels_of(level.resolution).collect();
-            let rows = texels.par_iter().map(|texel| operator.row(texel, alpha_ggx)).collect();
+            let rows = texels.par_iter().map(|texel| operator.row(texel, alpha_ggx, &places)).collect();
             operator.rows.push(rows);
         }
         operator
@@ -67,7 +95,7 @@ impl Operator {
 
     /// Weights of a texel's nodes; they sum to one. At roughness 0 the only node is the texel
     /// itself.
-    fn row(&self, texel: &Node, alpha_ggx: f64) -> Vec<(usize, f64)> {
+    fn row(&self, texel: &Node, alpha_ggx: f64, places: &Places) -> Vec<(usize, f64)> {
         if alpha_ggx == 0.0 {
             return vec![(self.index(texel), 1.0)];
         }
@@ -76,14 +104,14 @@ impl Operator {
         let mut open: Vec<Node> = texels_of(COARSEST.min(base)).collect();
         let mut row = Vec::new();
         while let Some(node) = open.pop() {
-            let direction = node.direction();
+            let (direction, _) = places.of(&node);
             if self.fineness == 1 && !lobe.sees(direction, node.resolution) {
                 continue;
             }
             if node.resolution < base && lobe.must_open(direction, node.resolution / self.fineness) {
                 open.extend(node.children());
             } else {
-                let quarters = node.children().map(|child| (child.direction(), child.solid_angle()));
+                let quarters = node.children().map(|child| places.of(&child));
                 row.push((self.index(&node), lobe.weight(&quarters)));
             }
         }

@@ -134,10 +134,13 @@ impl NodeTable {
         let mut levels = Vec::new();
         let mut resolution = finest;
         while resolution >= COARSEST {
+            // They are the same on each face.
+            let angle = |texel: usize| texel_solid_angle(texel % resolution, texel / resolution, resolution);
+            let angles: Vec<f64> = (0..resolution * resolution).map(angle).collect();
             let texels = each_texel(resolution)
                 .map(|(face, column, row)| {
                     let [x, y, z] = texel_direction(face, column, row, resolution).map(Double);
-                    (vec3(x, y, z), texel_solid_angle(column, row, resolution))
+                    (vec3(x, y, z), angles[row * resolution + column])
                 })
                 .collect();
             levels.push((resolution, texels));
