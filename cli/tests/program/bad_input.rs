@@ -264,7 +264,7 @@ fn what_is_no_light_is_told_from_one() {
     train(&tiny, "model").assert().success();
     let model = tiny.path("model");
     fs::write(tiny.path("notes.txt"), "no light\n").unwrap();
-    for (light, told) in [("model", "but a folder"), ("notes.txt", "that can be read")] {
+    for (light, told) in [("model", "but a folder"), ("notes.txt", "format")] {
         let mut command = specula();
         command.arg("relight").arg(&model).arg("--env").arg(tiny.path(light));
         refuses(command, &["is not an environment map", told, ".hdr or .exr", "sunset"]);
