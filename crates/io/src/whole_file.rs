@@ -160,7 +160,7 @@ mod tests {
         let file = folder.path().join("file");
         write_bytes(&file, b"").unwrap();
         let sentence = write_bytes(&file.join("a.txt"), b"").unwrap_err().to_string();
-        assert!(sentence.contains("file/a.txt") && sentence.contains("writable folder"), "{sentence}");
+        assert!(sentence.contains("file/a.txt") && sentence.contains("in the place of a folder"), "{sentence}");
     }
 
     #[cfg(unix)]
