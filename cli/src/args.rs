@@ -6,6 +6,7 @@
 mod capture;
 pub(crate) mod demo;
 mod export;
+mod fit_light;
 mod info;
 mod light_reference;
 mod lights;
@@ -23,6 +24,7 @@ pub(crate) use capture::{Capture, CaptureOptions};
 use clap::{CommandFactory, Parser, Subcommand};
 pub(crate) use demo::Demo;
 pub(crate) use export::{BakeName, Export};
+pub(crate) use fit_light::FitLight;
 pub(crate) use info::{Doctor, Info, TryNetwork};
 pub(crate) use light_reference::LightReference;
 pub(crate) use lights::{EnvChoice, FirstLights, LampOptions, Lights};
@@ -154,6 +156,7 @@ pub(crate) enum Command {
     Train(Box<Train>),
     Render(Render),
     Relight(Relight),
+    FitLight(FitLight),
     Eval(Eval),
     Compare(Compare),
     View(View),
@@ -174,6 +177,7 @@ impl Command {
             Self::Train(args) => Some(&args.executor),
             Self::Render(args) => Some(&args.views.scene_options.renderer.executor),
             Self::Relight(args) => Some(&args.views.scene_options.renderer.executor),
+            Self::FitLight(args) => Some(&args.executor),
             Self::Eval(args) => Some(&args.renderer.executor),
             Self::View(args) => Some(&args.scene_options.renderer.executor),
             Self::Export(args) => Some(&args.scene_options.renderer.executor),

@@ -6,6 +6,7 @@ pub(crate) mod demo;
 pub(crate) mod doctor;
 pub(crate) mod eval;
 pub(crate) mod export;
+pub(crate) mod fit_light;
 pub(crate) mod info;
 pub(crate) mod make;
 pub(crate) mod prefilter;

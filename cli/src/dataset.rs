@@ -104,7 +104,7 @@ pub(crate) fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
     };
     Some(Failure::Input(match Misplaced::find(folder)? {
         Misplaced::CamerasOf { .. } | Misplaced::Pictures { .. } | Misplaced::Video(_) if has_cameras => return None,
-        Misplaced::Model if is_model_wanted => return None,
+        Misplaced::Picture | Misplaced::Model if is_model_wanted => return None,
         Misplaced::PartOf(whole) => {
             format!("{folder:?} is part of a data set; did you mean the folder above, {whole:?}?")
         }
@@ -130,6 +130,9 @@ pub(crate) fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
             counted(count, "picture"),
             shown(folder)
         ),
+        Misplaced::Picture => {
+            format!("{folder:?} is a picture; give the folder of its data set, with the cameras of all pictures")
+        }
         Misplaced::Video(path) => format!(
             "{path:?} is a video; select frames and estimate their cameras: specula capture {} -o data",
             shown(&path)

@@ -18,6 +18,9 @@ pub(crate) enum Failure {
     /// Invalid input or options.
     #[error("{0}")]
     Input(String),
+    /// Another program writes to the folder.
+    #[error("{0}")]
+    Locked(String),
     /// A requested check of a file found faults.
     #[error("{0}")]
     Findings(String),
@@ -41,7 +44,7 @@ impl Failure {
     /// input, 130 if interrupted.
     pub(crate) fn exit_code(&self) -> u8 {
         match self {
-            Self::File(_) | Self::Input(_) | Self::Device(_) => 2,
+            Self::File(_) | Self::Input(_) | Self::Locked(_) | Self::Device(_) => 2,
             Self::Internal(_) | Self::Findings(_) => 1,
             Self::Interrupted(_) => 130,
             Self::BrokenPipe => 0,
@@ -51,7 +54,7 @@ impl Failure {
     /// Error for a folder that another program trains in, with a remedy.
     pub(crate) fn locked(error: SceneError, remedy: &str) -> Self {
         match error {
-            SceneError::Locked(sentence) => Self::Input(format!("{sentence}; {remedy}")),
+            SceneError::Locked(sentence) => Self::Locked(format!("{sentence}; {remedy}")),
             other => other.into(),
         }
     }
@@ -138,7 +141,8 @@ impl From<SceneError> for Failure {
             SceneError::Cpu(error) => error.into(),
             #[cfg(feature = "gpu")]
             SceneError::Gpu(error) => error.into(),
-            SceneError::Training(sentence) | SceneError::Locked(sentence) => Self::Input(sentence),
+            SceneError::Training(sentence) => Self::Input(sentence),
+            SceneError::Locked(sentence) => Self::Locked(sentence),
             SceneError::Ranks(_) | SceneError::Picture(_) => {
                 Self::Input(format!("{error}; --resume continues from the last checkpoint"))
             }

@@ -106,6 +106,7 @@ fn run_command(arguments: &Arguments, ranks: &Ranks<'_>) -> Result<(), Failure> 
         Command::Train(args) => commands::train::run(args, ranks),
         Command::Render(args) => commands::render::run(args),
         Command::Relight(args) => commands::relight::run(args),
+        Command::FitLight(args) => commands::fit_light::run(args),
         Command::Eval(args) => commands::eval::run(args),
         Command::Compare(args) => commands::compare::run(args),
         Command::View(args) => commands::view::run(args),

@@ -129,7 +129,7 @@ impl NamedLights {
 }
 
 /// Rejects lamps on a scene without physical materials.
-fn refuse_without_materials(scene: &Scene) -> Result<(), Failure> {
+pub(crate) fn refuse_without_materials(scene: &Scene) -> Result<(), Failure> {
     if scene.gaussians.layout.is_physical {
         return Ok(());
     }
@@ -243,6 +243,11 @@ impl LightPlan {
             if lighting.ground.is_none() {
                 tracing::warn!("no ground is shown, since the scene has no surface that casts shadows");
             }
+        }
+        if lighting.map.is_none() {
+            tracing::info!(
+                "only suns and lamps shine, so shadows are black; --env sunset --exposure -2 adds a dim sky"
+            );
         }
         if let Some(occluder) = &lighting.occluder {
             warn_of_hidden_suns(&lighting, occluder, opened, up)?;

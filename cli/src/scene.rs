@@ -122,11 +122,10 @@ pub(crate) fn refuse_light_beside(
 /// Puts all views of a model under one light of its training, if one is requested, and names it.
 pub(crate) fn select_light(opened: &mut OpenedModel, OwnLightOption { light }: &OwnLightOption) -> Result<(), Failure> {
     let Some(light) = light else { return Ok(()) };
-    let names = opened.info.iter().flat_map(ModelInfo::light_names);
-    let named = names.into_iter().position(|name| name == light).map(|index| index + 1);
+    let names: Vec<&str> = opened.info.iter().flat_map(ModelInfo::light_names).collect();
+    let named = names.iter().position(|name| name == light).map(|index| index + 1);
     let number = named.or_else(|| light.parse().ok()).ok_or_else(|| {
-        let names: Vec<String> =
-            opened.info.iter().flat_map(ModelInfo::light_names).map(|n| format!("{n:?}")).collect();
+        let names: Vec<String> = names.iter().map(|name| format!("{name:?}")).collect();
         let known = if names.is_empty() { "only one light".into() } else { format!("the lights {}", names.join(", ")) };
         Failure::Input(format!("the model has {known}, and no light {light:?}; change or omit --light"))
     })?;

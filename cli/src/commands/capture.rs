@@ -36,8 +36,9 @@ pub(crate) fn run(args: &Capture) -> Result<(), Failure> {
 
 /// Training of the data set, with materials.
 fn next_command(folder: &Path, data: &Dataset) -> String {
-    let folder = folder.to_string_lossy();
-    let words = ["specula", "train", &folder, "-m", "MODEL", "--preset", "photos", "--eval"];
+    let model = Path::new("out").join(output::stem(folder));
+    let [folder, model] = [folder, &model].map(Path::to_string_lossy);
+    let words = ["specula", "train", &folder, "-m", &model, "--preset", "photos", "--eval"];
     command_text(words.into_iter().chain(material_options(data).iter().copied()))
 }
 
@@ -60,7 +61,12 @@ pub(crate) fn capture(inputs: &[PathBuf], folder: &Path, options: &CaptureOption
     let _lock = output::lock(folder)?;
     interrupt::watch()?;
     let CaptureOptions { frames, masks, mask_with, lens, best, colmap } = options.clone();
-    let unused = inputs.iter().map(|input| input.join("masks")).find(|folder| folder.is_dir());
+    let below = |input: &PathBuf| {
+        let folders = std::fs::read_dir(input).into_iter().flatten().flatten().map(|entry| entry.path());
+        let folders = folders.filter(|path| path.is_dir() && !path.ends_with("masks"));
+        core::iter::once(input.clone()).chain(folders).map(|folder| folder.join("masks")).collect::<Vec<_>>()
+    };
+    let unused = inputs.iter().flat_map(below).find(|folder| folder.is_dir());
     if let (Some(unused), None, None) = (unused, &masks, &mask_with) {
         tracing::warn!("{unused:?} is not used; name it with --masks to cut out the object");
     }
@@ -152,7 +158,7 @@ mod tests {
         let objects = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/demo");
         let mut data = progress::silently(|| dataset::load(&objects, &LoadOptions::default())).unwrap();
         let folder = Path::new("my data");
-        assert_eq!(next_command(folder, &data), "specula train 'my data' -m MODEL --preset photos --eval");
+        assert_eq!(next_command(folder, &data), "specula train 'my data' -m 'out/my data' --preset photos --eval");
         data.train[0].rgba.iter_mut().skip(3).step_by(4).for_each(|alpha| *alpha = u8::MAX);
         let next = next_command(folder, &data);
         assert!(next.ends_with("--preset photos --eval --relightable --foreground auto"), "{next}");

@@ -42,6 +42,9 @@ const PROFILES: [&str; 2] = ["3dgs", "specula"];
 pub(crate) fn run(args: &Demo) -> Result<(), Failure> {
     let _lock = lock(args)?;
     PROFILES.iter().try_for_each(|name| refuse_to_hide(args, name))?;
+    if PROFILES.iter().any(|name| model_folder::holds_training(&args.output.join(name))) {
+        tracing::info!("{} has an earlier demo, which this one replaces", shown(&args.output));
+    }
     let (data, points) = prepare(args)?;
     let train = |name| train(name, args, &data, &points);
     let [plain, shaded] = [train(PROFILES[0])?, train(PROFILES[1])?];

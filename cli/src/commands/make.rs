@@ -210,7 +210,7 @@ impl Commands {
         tracing::info!("{line}");
         self.lines.push(line);
         match run_words(["specula"].iter().chain(words).map(Into::into).collect()) {
-            Err(Failure::Input(said)) if said.contains("another training is writing") => Err(Failure::Input(
+            Err(Failure::Locked(_)) => Err(Failure::Locked(
                 "another make or train is writing to this folder; wait until it ends, or use another -o".into(),
             )),
             Err(Failure::Interrupted(_)) => Err(Failure::Interrupted("interrupted; the same command continues".into())),

@@ -22,7 +22,7 @@ use specula_core::scene::RadianceActivation;
 use specula_io::{
     self as io,
     checkpoint::Facts,
-    dataset::{LoadOptions, MaskUse},
+    dataset::{LightSource, LoadOptions, MaskUse},
     exposure, latlong,
     light_table::LightTable,
     model_folder::{self, ModelInfo},
@@ -53,6 +53,11 @@ use std::{
 
 /// Value of `--lights-by` for a light per folder.
 const FOLDERS: &str = "folders";
+
+/// Returns whether a value of `--lights-by` is a light per folder, not a table.
+fn is_folders(path: &Path) -> bool {
+    path.as_os_str() == FOLDERS && !path.exists()
+}
 
 /// Trains, saves, and measures with `--eval`: as the only rank, as one of several, or on several
 /// ranks that are threads.
@@ -286,8 +291,8 @@ fn light_pictures(args: &Train, profile: &Profile, data: &mut Capture) -> Result
         tracing::warn!("{source} replaces the lights that the data set names");
     }
     match (lights_by, *follows) {
-        (Some(path), _) if path.as_os_str() == FOLDERS && !path.exists() => data.light_by_folder()?,
-        (Some(path), _) => light_by_table(path, data)?,
+        (Some(path), _) if is_folders(path) => data.light_by_folder()?,
+        (Some(path), _) => data.light_by_table(&LightTable::read(path)?)?,
         (None, LightFollows::Scene) => data.light_by_list()?,
         (None, _) => data.follow(*follows),
     }
@@ -302,27 +307,6 @@ fn light_pictures(args: &Train, profile: &Profile, data: &mut Capture) -> Result
             "no picture is cut out by alpha or masks, so --light-follows camera takes all that they show for lit by \
              lamps on the camera"
         );
-    }
-    Ok(())
-}
-
-/// Pictures that a message lists.
-const LISTED_MAX: usize = 12;
-
-/// Puts each picture under its light in a table, which must know all of them.
-fn light_by_table(path: &Path, data: &mut Capture) -> Result<(), Failure> {
-    let [lacking, unused] = data.light_by_table(&LightTable::read(path)?)?;
-    if !lacking.is_empty() {
-        let listed: Vec<String> = lacking.iter().take(LISTED_MAX).map(|name| format!("{name:?}")).collect();
-        let others = if lacking.len() > LISTED_MAX { ", …" } else { "" };
-        return Err(Failure::Input(format!(
-            "{path:?} does not name {} of the pictures: {}{others}; add a line for each, or move it out of the data set",
-            lacking.len(),
-            listed.join(", ")
-        )));
-    }
-    if let Some(first) = unused.first() {
-        tracing::warn!("{} lines of {path:?} name no picture, such as {first:?}", unused.len());
     }
     Ok(())
 }
@@ -436,8 +420,12 @@ fn options_of(args: &Train) -> LoadOptions {
         test_every,
         origin: None,
         masks,
-        light_table: args.start.lights_by.clone(),
-        has_lights: args.start.lights_by.is_some(),
+        lights: match &args.start.lights_by {
+            None => LightSource::Unknown,
+            Some(path) if is_folders(path) => LightSource::Known,
+            Some(path) => LightSource::Table { path: path.clone(), only: None },
+        },
+        without: Vec::new(),
     }
 }
 
@@ -536,6 +524,7 @@ fn thinned_points(points: Vec<Point>, profile: &Profile) -> Vec<Point> {
 fn info_of(args: &Train, settings: &Settings, data: &Capture) -> Result<ModelInfo, Failure> {
     let mut info = model_info(settings, [data.train.len(), data.test.len()], data.orientation);
     info.set_light_names(&data.light_names);
+    info.set_left_out(&data.left_out);
     info.rest.insert("images".into(), args.photographs.images.as_str().into());
     info.rest.insert("test_every".into(), args.photographs.test_every.into());
     info.rest.insert("masks".into(), args.photographs.masks.name().into());

@@ -4,22 +4,30 @@ use crate::{
     args::{Train, View, ViewUntil},
     dataset::note_guessed_up,
     failure::Failure,
+    included::LIGHTS,
     interrupt,
     lights::NamedLights,
     output,
     scene::{self, background_of, light_input, note_oddities, refuse_plain},
 };
 use core::net::SocketAddr;
-use specula_scene::{OpenedModel, RenderOptions, Scene, dataset};
+use specula_core::scene::Environment;
+use specula_scene::{OpenedModel, RenderOptions, Scene, dataset, light_file::MapUp};
 use specula_viewer::{
     AddedLight, LiveTraining, PhotographSource, ViewedScene, Viewer, ViewerError, ViewerOptions, ViewerThread,
 };
-use std::{io::IsTerminal, path::PathBuf, sync::Arc};
+use std::{
+    io::IsTerminal,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 /// Serves the page until Ctrl-C.
 pub(crate) fn run(args: &View) -> Result<(), Failure> {
     let mut opened = scene::open_as(&args.scene, &args.scene_options)?;
+    let trained = trained_lights(&opened);
     scene::settle_light(&mut opened, &args.light)?;
+    let (own, is_shaded) = (opened.own_light.unwrap_or(1), opened.scene.gaussians.layout.is_shaded());
     note_oddities(&opened);
     let lights = NamedLights::first(&args.first, &opened.scene)?;
     if !args.env.is_empty() || lights.env.is_some() {
@@ -34,15 +42,25 @@ pub(crate) fn run(args: &View) -> Result<(), Failure> {
     let render = (&args.scene_options.renderer).into();
     let options = ViewerOptions { address: args.listen, token: args.token.clone(), render };
     let viewer = Viewer::bind(&options, scene, None)?;
-    add_lights(&viewer, args, lights)?;
+    for (number, name, light) in trained.into_iter().filter(|(number, ..)| *number != own) {
+        viewer.add_trained_light(light, &format!("light {number}, {name}"));
+    }
+    add_lights(&viewer, args, lights, is_shaded)?;
     interrupt::watch()?;
     print_urls(&viewer)?;
     tracing::info!("open it in a browser; Ctrl-C stops the server");
     Ok(viewer.serve(interrupt::is_requested)?)
 }
 
-/// Adds environment maps, and sets the page's first lights.
-fn add_lights(viewer: &Viewer, args: &View, lights: NamedLights) -> Result<(), Failure> {
+/// Lights of a training under several: number from 1, name and light of each.
+fn trained_lights(opened: &OpenedModel) -> Vec<(usize, String, Environment<Vec<f32>>)> {
+    let lights = opened.scene.light.iter().chain(&opened.scene.other_lights).cloned();
+    let name = |number| opened.light_name(number).unwrap_or_default().to_owned();
+    (1..).zip(lights).map(|(number, light)| (number, name(number), light)).collect()
+}
+
+/// Adds environment maps and those of the program, and sets the page's first lights.
+fn add_lights(viewer: &Viewer, args: &View, lights: NamedLights, is_shaded: bool) -> Result<(), Failure> {
     let mut first = None;
     let named = lights.env.as_ref().map(|file| (file, lights.up(args.env_up.into())));
     // As with relight, --env replaces the file's map, which can still be selected on the page.
@@ -50,6 +68,13 @@ fn add_lights(viewer: &Viewer, args: &View, lights: NamedLights) -> Result<(), F
         let AddedLight { id, warnings } = viewer.add_light(light_input(file)?, up)?;
         warnings.iter().for_each(|warning| tracing::info!("{warning}"));
         first.get_or_insert(id);
+    }
+    if is_shaded {
+        for name in LIGHTS.map(Path::new) {
+            if !args.env.iter().any(|named| named == name) {
+                viewer.add_light(light_input(name)?, MapUp::Scene)?;
+            }
+        }
     }
     Ok(viewer.start_under(lights.setup(first, &args.first))?)
 }

@@ -12,6 +12,7 @@ use crate::{
     doubts::doubts,
     error::{Error, Result},
     left_out::{left_out, light_tables},
+    light_table::LightTable,
     listing::Listing,
     masks,
     materials::MaterialFiles,
@@ -27,7 +28,7 @@ use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
 pub use crate::{
-    listing::{IMAGES, LoadOptions, MaskUse, TEST_EVERY},
+    listing::{IMAGES, LightSource, LoadOptions, MaskUse, TEST_EVERY},
     shot::{Changes, PictureLight, View},
 };
 
@@ -84,6 +85,8 @@ pub struct Album {
     pub origin: [f64; 3],
     /// Contents of the data set, besides its pictures.
     pub report: Report,
+    /// Names of pictures that the options leave out.
+    pub left_out: Vec<String>,
     /// Notes on skipped or assumed data, one sentence each.
     pub notes: Vec<String>,
 }
@@ -96,8 +99,7 @@ impl Album {
     /// An error of the listing or of the points.
     pub fn list(folder: &Path, options: &LoadOptions) -> Result<Self> {
         let (files, mut listing) = list(folder, options)?;
-        listing.used.extend(options.light_table.clone());
-        if options.has_lights {
+        if options.lights != LightSource::Unknown {
             listing.used.extend(light_tables(&files));
         }
         let report = Report::of(&files, &listing);
@@ -106,14 +108,15 @@ impl Album {
         }
         listing.points = listing.points.map(|points| points.relative_to(listing.origin));
         let doubts = doubts(&listing);
-        let Listing { train: mut shots, test, points, origin, mut notes, .. } = listing;
+        let Listing { train: mut shots, test, left_out, points, origin, mut notes, .. } = listing;
         notes.extend(doubts);
         if !report.left_out.is_empty() {
             notes.push(format!("not used: {}", report.left_out.join("; ")));
         }
         let held_out = if options.with_test { test.len() } else { 0 };
         shots.extend(test);
-        Ok(Self { train: shots.len() - held_out, shots, points, origin, report, notes })
+        let left_out = left_out.into_iter().map(|shot| shot.name).collect();
+        Ok(Self { train: shots.len() - held_out, shots, points, origin, report, left_out, notes })
     }
 
     /// Number of pictures: those to train on, then those held out.
@@ -216,6 +219,11 @@ fn list(folder: &Path, options: &LoadOptions) -> Result<(Files, Listing)> {
         listing.used.push(path);
     }
     move_to_origin(&mut listing, options);
+    listing.leave_out(|shot| options.without.contains(&shot.name));
+    if let LightSource::Table { path, only } = &options.lights {
+        listing.used.push(path.clone());
+        LightTable::read(path)?.select(path, only.as_deref(), &mut listing)?;
+    }
     masks::apply(options.masks, &mut listing)?;
     Ok((files, listing))
 }

@@ -247,6 +247,28 @@ pub enum Error {
          are wrong"
     )]
     AllMasked,
+    /// A table of lights lacks pictures.
+    #[error(
+        "{path:?} does not name {count} of the pictures: {names}; add a line for each, with - for its light to leave it out"
+    )]
+    Lightless {
+        /// The table.
+        path: PathBuf,
+        /// Number of the pictures.
+        count: usize,
+        /// Names of the first of them.
+        names: String,
+    },
+    /// No picture is under a light of a table.
+    #[error("no picture is under the light {name:?} of {path:?}; its lights are {lights}")]
+    NoLight {
+        /// The table.
+        path: PathBuf,
+        /// Name of the light.
+        name: String,
+        /// Names of its lights.
+        lights: String,
+    },
     /// An image has no pixels.
     #[error("image {path:?} has no pixels; save it again, or remove it")]
     EmptyImage {

@@ -23,7 +23,8 @@ const CAPTURE: [&str; 3] = ["capture", "capture.json", "training.lock"];
 /// Unused entries of a data set, with the reason: pictures without cameras, and other folders and
 /// files at the top level.
 pub(crate) fn left_out(files: &Files, listing: &Listing) -> Vec<String> {
-    let read = listing.shots().flat_map(files_of).chain(listing.used.iter().map(PathBuf::as_path));
+    let read =
+        listing.shots().chain(&listing.left_out).flat_map(files_of).chain(listing.used.iter().map(PathBuf::as_path));
     let used: HashSet<String> = read.map(|path| files.key_below(path)).collect();
     let picture_folders: HashSet<String> = listing.shots().map(|shot| files.key_below(parent(&shot.image))).collect();
 

@@ -3,9 +3,9 @@
 //! A line of two words has a picture and the name of its light. A line of three words has a
 //! picture, the name of a group, and the degrees by which the object was turned about the up
 //! direction in that group, counterclockwise from above; all such groups share one light. With a
-//! fourth word, the name of a light, only groups that name it do. A picture is named by the end of
-//! its path, with or without the extension. Words are separated by spaces or commas; what follows
-//! a `#` is a comment.
+//! fourth word, the name of a light, only groups that name it do. Pictures under the light `-` are
+//! left out. A picture is named by the end of its path, with or without the extension. Words are
+//! separated by spaces or commas; what follows a `#` is a comment.
 //!
 //! ```text
 //! # picture  group   degrees            # picture  light
@@ -18,14 +18,21 @@
 use crate::{
     budget::LIST,
     error::{Error, Result},
+    listing::Listing,
 };
 use std::{
-    collections::{BTreeMap, HashMap},
+    collections::{BTreeMap, BTreeSet, HashMap},
     path::Path,
 };
 
 /// Name of the light of groups that name none.
 pub const SHARED: &str = "shared";
+
+/// Light of pictures that are left out.
+const LEFT_OUT: &str = "-";
+
+/// Pictures that an error lists.
+const LISTED_MAX: usize = 12;
 
 /// First words of a first line that names the columns.
 const HEADINGS: [&str; 5] = ["picture", "image", "file", "filename", "name"];
@@ -96,7 +103,8 @@ impl LightTable {
                 return refuse(line, format!("names {picture:?} again; keep one of the lines"));
             }
         }
-        if let Some((group, found)) = groups.iter().find(|(_, found)| found.count < 2) {
+        let is_rare = |found: &Group| found.count < 2 && found.light.name != LEFT_OUT;
+        if let Some((group, found)) = groups.iter().find(|(_, found)| is_rare(found)) {
             return refuse(found.line, format!("is all of group {group:?}; a light needs two pictures or more"));
         }
         Ok(Self { lights })
@@ -112,11 +120,43 @@ impl LightTable {
         found.map(|(name, light)| (name.as_str(), light))
     }
 
-    /// Names in the table, in their order.
-    pub fn names(&self) -> Vec<&str> {
-        let mut names: Vec<&str> = self.lights.keys().map(String::as_str).collect();
-        names.sort_unstable();
-        names
+    /// Leaves pictures of a listing out: those under the light `-`, or those that are not under
+    /// `only`.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Lightless`] for pictures that are not in the table, [`Error::NoLight`] if no
+    /// picture is left.
+    pub(crate) fn select(&self, path: &Path, only: Option<&str>, listing: &mut Listing) -> Result<()> {
+        let mut unused: BTreeSet<&str> = self.lights.keys().map(String::as_str).collect();
+        let mut lacking = Vec::new();
+        for shot in listing.shots() {
+            match self.light_of(&shot.image) {
+                Some((name, _)) => _ = unused.remove(name),
+                None => lacking.push(format!("{:?}", shot.name)),
+            }
+        }
+        if !lacking.is_empty() {
+            let others = if lacking.len() > LISTED_MAX { ", …" } else { "" };
+            let names = lacking[..lacking.len().min(LISTED_MAX)].join(", ") + others;
+            return Err(Error::Lightless { path: path.to_owned(), count: lacking.len(), names });
+        }
+        if let Some(first) = unused.first() {
+            listing.notes.push(format!("{} lines of {path:?} name no picture, such as {first:?}", unused.len()));
+        }
+        listing.leave_out(|shot| {
+            let light = self.light_of(&shot.image).map_or(LEFT_OUT, |(_, light)| &light.name);
+            only.map_or(light == LEFT_OUT, |name| light != name)
+        });
+        if listing.shots().next().is_none() {
+            let names: BTreeSet<&str> = self.lights.values().map(|light| light.name.as_str()).collect();
+            let lights = names.iter().map(|name| format!("{name:?}")).collect::<Vec<_>>().join(", ");
+            return Err(Error::NoLight { path: path.to_owned(), name: only.unwrap_or(LEFT_OUT).into(), lights });
+        }
+        if !listing.left_out.is_empty() && only.is_none() {
+            listing.notes.push(format!("{path:?} leaves {} pictures out", listing.left_out.len()));
+        }
+        Ok(())
     }
 }
 
@@ -157,7 +197,6 @@ mod tests {
         assert_eq!(turn("b.jpg"), Some(("b", 0.0)));
         assert_eq!(turn("data/row/c.png"), Some(("row/c", -90.5)));
         assert_eq!([turn("c.png"), turn("data/ad.png"), turn("e")], [None; 3]);
-        assert_eq!(table.names(), ["a", "b", "d", "row/c"]);
     }
 
     #[test]

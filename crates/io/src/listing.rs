@@ -24,10 +24,27 @@ pub struct LoadOptions {
     pub origin: Option<[f64; 3]>,
     /// Meaning of the pixels that masks hide.
     pub masks: MaskUse,
-    /// Table of lights that the caller reads, which is not reported as unused.
-    pub light_table: Option<PathBuf>,
-    /// Whether the lights of the pictures are known, so that tables of them are not reported.
-    pub has_lights: bool,
+    /// Source of the lights of the pictures.
+    pub lights: LightSource,
+    /// Names of pictures that are left out.
+    pub without: Vec<String>,
+}
+
+/// Source of the lights of the pictures, besides the lists of the data set itself.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum LightSource {
+    /// None: a table in the data set is reported as unused.
+    #[default]
+    Unknown,
+    /// The caller knows them, so that tables are not reported.
+    Known,
+    /// A table ([`crate::light_table`]).
+    Table {
+        /// File.
+        path: PathBuf,
+        /// Name of a light; pictures under other lights are left out.
+        only: Option<String>,
+    },
 }
 
 /// Meaning of the pixels that masks hide.
@@ -69,8 +86,8 @@ impl Default for LoadOptions {
             test_every: TEST_EVERY,
             origin: None,
             masks: MaskUse::default(),
-            light_table: None,
-            has_lights: false,
+            lights: LightSource::default(),
+            without: Vec::new(),
         }
     }
 }
@@ -92,6 +109,8 @@ pub const TEST_EVERY: u32 = 8;
 pub(crate) struct Listing {
     pub(crate) train: Vec<Shot>,
     pub(crate) test: Vec<Shot>,
+    /// Pictures that the options leave out.
+    pub(crate) left_out: Vec<Shot>,
     pub(crate) points: Option<PointCloud>,
     /// Origin to which positions are relative.
     pub(crate) origin: [f64; 3],
@@ -104,6 +123,15 @@ pub(crate) struct Listing {
 }
 
 impl Listing {
+    /// Leaves pictures out.
+    pub(crate) fn leave_out(&mut self, is_unwanted: impl Fn(&Shot) -> bool) {
+        for shots in [&mut self.train, &mut self.test] {
+            let (unwanted, wanted): (Vec<Shot>, Vec<Shot>) = shots.drain(..).partition(&is_unwanted);
+            *shots = wanted;
+            self.left_out.extend(unwanted);
+        }
+    }
+
     /// Pictures to train on, then those held out.
     pub(crate) fn shots(&self) -> impl Iterator<Item = &Shot> + Clone {
         self.train.iter().chain(&self.test)

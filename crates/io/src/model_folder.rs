@@ -71,6 +71,8 @@ const TIMELINE: &str = "timeline.json";
 const RESULTS_LOCK: &str = "results.lock";
 /// Entry of `specula.json` with the names of lights.
 const LIGHTS: &str = "lights";
+/// Entry of `specula.json` with the names of pictures that a training left out.
+const LEFT_OUT: &str = "left_out";
 /// Folders with a subfolder for each iteration.
 const ITERATIONS: [&str; 3] = ["point_cloud", "light", "brdf_mlp"];
 
@@ -114,8 +116,24 @@ pub struct ModelInfo {
 impl ModelInfo {
     /// Names of the lights of groups of pictures; empty for a single light.
     pub fn light_names(&self) -> Vec<&str> {
-        let names = self.rest.get(LIGHTS).and_then(Value::as_array);
+        self.names(LIGHTS)
+    }
+
+    /// Names of the pictures of the data set that the training left out.
+    pub fn left_out(&self) -> Vec<&str> {
+        self.names(LEFT_OUT)
+    }
+
+    fn names(&self, entry: &str) -> Vec<&str> {
+        let names = self.rest.get(entry).and_then(Value::as_array);
         names.into_iter().flatten().filter_map(Value::as_str).collect()
+    }
+
+    /// Sets the names of the pictures of the data set that the training left out.
+    pub fn set_left_out(&mut self, names: &[String]) {
+        if !names.is_empty() {
+            self.rest.insert(LEFT_OUT.into(), names.into());
+        }
     }
 
     /// Sets the names of the lights of groups of pictures; none for a single light.

@@ -53,6 +53,8 @@ pub struct Capture {
     pub notes: Vec<String>,
     /// Names of the lights of groups of pictures, by [`Camera::light`]; empty unless they were set.
     pub light_names: Vec<String>,
+    /// Names of pictures that the options leave out.
+    pub left_out: Vec<String>,
     points: Option<Vec<Point>>,
     album: Arc<Album>,
     extracts: Vec<Extracts>,
@@ -136,10 +138,23 @@ impl Capture {
         let test = photographs.split_off(album.train_count());
         extracts.truncate(album.train_count());
         note_missing_normals(test.iter().map(|photograph| photograph.has_normals), &mut notes);
-        let (origin, album) = (album.origin, Arc::new(album));
+        let (origin, left_out, album) = (album.origin, album.left_out.clone(), Arc::new(album));
         let (light_names, decoded) = (Vec::new(), Vec::new());
         let train = photographs;
-        Self { train, test, origin, orientation, notes, light_names, points, album, extracts, decoded, budget }
+        Self {
+            train,
+            test,
+            origin,
+            orientation,
+            notes,
+            light_names,
+            left_out,
+            points,
+            album,
+            extracts,
+            decoded,
+            budget,
+        }
     }
 
     /// Returns whether alpha cuts objects out of all training pictures.
@@ -156,29 +171,23 @@ impl Capture {
         }
     }
 
-    /// Puts each picture under its light in a table. Returns the names of pictures that the table
-    /// lacks, and those of the table that are no pictures.
+    /// Puts each picture under its light in a table, which has all of them
+    /// ([`LightSource::Table`](specula_io::dataset::LightSource)).
     ///
     /// # Errors
     ///
     /// [`SceneError::Training`] for a light of fewer than two training pictures.
-    pub fn light_by_table(&mut self, table: &LightTable) -> Result<[Vec<String>; 2], SceneError> {
+    pub fn light_by_table(&mut self, table: &LightTable) -> Result<(), SceneError> {
         let up = self.orientation.as_ref().map_or(Vec3::Z, up);
-        let (mut lacking, mut unused, mut lights) = (Vec::new(), table.names(), Vec::new());
-        for index in 0..self.album.len() {
-            let Some((used, light)) = table.light_of(self.album.path(index)) else {
-                lacking.push(self.album.name(index).to_owned());
-                continue;
-            };
-            unused.retain(|name| *name != used);
-            let from_world = light.degrees.map(|degrees| light_of_turned_object(up, degrees));
-            lights.push(PictureLight { name: Some(light.name.clone()), from_world });
-        }
-        let unused = unused.into_iter().map(str::to_owned).collect();
-        if lacking.is_empty() {
-            self.light_by(lights)?;
-        }
-        Ok([lacking, unused])
+        let light_of = |index| {
+            let found = table.light_of(self.album.path(index)).map(|(_, light)| light);
+            let degrees = found.and_then(|light| light.degrees);
+            PictureLight {
+                name: found.map(|light| light.name.clone()),
+                from_world: degrees.map(|degrees| light_of_turned_object(up, degrees)),
+            }
+        };
+        self.light_by((0..self.album.len()).map(light_of).collect())
     }
 
     /// Puts the pictures of each folder under a light of their own, named as the folder.

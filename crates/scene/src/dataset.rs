@@ -6,7 +6,9 @@ use specula_core::camera::{Camera, near_of};
 use specula_io::{
     Result,
     cameras::NamedCamera,
-    dataset::{self, IMAGES, LoadOptions, MaskUse, Report, TEST_EVERY, has_image_ending, is_picture, is_video},
+    dataset::{
+        self, IMAGES, LightSource, LoadOptions, MaskUse, Report, TEST_EVERY, has_image_ending, is_picture, is_video,
+    },
     materials::Materials,
     model_folder::ModelInfo,
     orientation::Orientation,
@@ -143,8 +145,8 @@ pub fn options_of(info: &ModelInfo) -> LoadOptions {
         test_every: every.unwrap_or(TEST_EVERY),
         origin: Some(info.origin),
         masks: masks.and_then(MaskUse::named).unwrap_or_default(),
-        light_table: None,
-        has_lights: !info.light_names().is_empty(),
+        lights: if info.light_names().is_empty() { LightSource::Unknown } else { LightSource::Known },
+        without: info.left_out().into_iter().map(str::to_owned).collect(),
     }
 }
 
@@ -175,6 +177,8 @@ pub enum Misplaced {
     },
     /// A video.
     Video(PathBuf),
+    /// A picture, not a folder of them.
+    Picture,
 }
 
 /// Camera files of other programs, by name or extension, and how to export supported ones.
@@ -191,7 +195,10 @@ impl Misplaced {
     /// Relation of a folder without a data set to one nearby; none if there is none.
     pub fn find(folder: &Path) -> Option<Self> {
         if folder.is_file() {
-            return is_video(folder).then(|| Self::Video(folder.to_owned()));
+            return match is_video(folder) {
+                true => Some(Self::Video(folder.to_owned())),
+                false => is_picture(folder).then_some(Self::Picture),
+            };
         }
         let whole = std::path::absolute(folder).ok()?;
         if let Some(meant) = whole.ancestors().skip(1).take(2).find(|above| has_files(above)) {

@@ -57,6 +57,7 @@ mod insert;
 pub mod lamps;
 pub mod layer;
 pub mod light_file;
+pub mod light_fit;
 mod lighting;
 pub mod number;
 mod opened;

@@ -151,7 +151,12 @@ impl Scene {
     pub fn relight(&mut self, map: &LatLong, up: impl Into<MapOrientation>) {
         let resolution = self.resolution_of_others();
         let values = latlong::to_cube(map, resolution, up);
-        self.light = Some(Environment { resolution, activation: RadianceActivation::Identity, values });
+        self.put_under(Environment { resolution, activation: RadianceActivation::Identity, values });
+    }
+
+    /// Replaces all lights by another one.
+    pub(crate) fn put_under(&mut self, light: Environment<Vec<f32>>) {
+        self.light = Some(light);
         self.other_lights.clear();
         if self.gaussians.layout.is_physical {
             self.shading_model = self.shading_model.shaded(Shading::Physical);

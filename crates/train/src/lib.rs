@@ -31,6 +31,7 @@ pub mod exchange;
 mod exposure;
 mod fingerprint;
 mod initial_state;
+pub mod light_fit;
 mod light_scale;
 pub mod near_field;
 pub mod own_loss;

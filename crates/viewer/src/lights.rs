@@ -124,12 +124,20 @@ impl Lights {
 
     /// Adds a cube made from a lat-long map with the file name `name`. Returns its label.
     pub(crate) fn add_cube(&self, cube: Cube, name: &str, up: MapUp) -> Label {
-        let mut table = self.lock();
-        table.count += 1;
         let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
         let file_name = Path::new(name).file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let name = stem.chars().take(NAME_MAX).collect();
-        let label = Label { id: table.count, name, file: Some((file_name, up)) };
+        self.insert(cube, &stem, Some((file_name, up)))
+    }
+
+    /// Adds a light of the scene's training. Returns its label.
+    pub(crate) fn add_trained(&self, cube: Cube, name: &str) -> Label {
+        self.insert(cube, name, None)
+    }
+
+    fn insert(&self, cube: Cube, name: &str, file: Option<(String, MapUp)>) -> Label {
+        let mut table = self.lock();
+        table.count += 1;
+        let label = Label { id: table.count, name: name.chars().take(NAME_MAX).collect(), file };
         if table.added.len() == LIGHTS_MAX {
             table.added.remove(0);
         }

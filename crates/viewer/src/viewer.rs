@@ -13,7 +13,7 @@ use crate::{
     viewed::{PreparedScene, ViewedScene},
 };
 use core::net::{Ipv4Addr, SocketAddr};
-use specula_core::rules::Channels;
+use specula_core::{rules::Channels, scene::Environment};
 use specula_io::Input;
 use specula_scene::{RenderOptions, Scene, SceneError, SceneRenderer, light_file::MapUp};
 use std::{
@@ -131,6 +131,11 @@ impl Viewer {
         let name = file.path().file_name().unwrap_or_default().to_string_lossy();
         let (label, warnings) = self.state.lights.add(file, &name, up)?;
         Ok(AddedLight { id: label.id, warnings })
+    }
+
+    /// Adds a light of the scene's training, such as that of other pictures, by its name.
+    pub fn add_trained_light(&self, light: Environment<Vec<f32>>, name: &str) {
+        self.state.lights.add_trained(light, name);
     }
 
     /// Sets the first light of the page, unless the address names another; only the first call has

@@ -168,7 +168,9 @@ fn thrown(error: ViewerError) -> JsValue {
 fn sentence(error: &GpuError) -> String {
     match error {
         GpuError::NoAdapter { .. } => {
-            "This browser has WebGPU, but no graphics adapter for it, so only a still picture is shown.".to_owned()
+            "This browser has WebGPU, but no graphics adapter for it, so only a still picture is shown. Turn on hardware \
+             acceleration in its settings, or use another browser."
+                .to_owned()
         }
         GpuError::NoDevice { reason, .. } => {
             format!("the graphics adapter gives no device ({reason}); reload the page")

@@ -75,8 +75,12 @@ impl File<'_> {
         }
         if placed.is_empty() {
             let has_others = document.meshes.iter().any(|mesh| !mesh.primitives.is_empty());
-            let others = if has_others { "meshes or points, but " } else { "" };
-            return Err(self.broken(&format_args!("it has {others}no Gaussians with {SPLATTING}")));
+            return Err(match has_others {
+                true => self.broken(&format_args!(
+                    "it is a mesh, without Gaussians ({SPLATTING}); open it in a viewer of meshes, such as Blender"
+                )),
+                false => self.broken(&format_args!("it has no Gaussians with {SPLATTING}")),
+            });
         }
         Ok(placed)
     }

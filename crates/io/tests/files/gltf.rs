@@ -282,7 +282,7 @@ fn what_is_beside_the_gaussians_is_named() {
     assert!(outside.gaussians == plain && outside.notes.concat().contains("outside of its scene"));
     let hidden = with(json!([list, list]), json!([{"mesh": 0}, {"mesh": 1}])).unwrap();
     assert!(hidden.gaussians == plain && hidden.notes.concat().contains("1 lists of Gaussians outside"));
-    assert!(with(json!([mesh]), json!([{"mesh": 0}])).unwrap_err().contains("meshes or points, but no Gaussians"));
+    assert!(with(json!([mesh]), json!([{"mesh": 0}])).unwrap_err().contains("is a mesh, without Gaussians"));
     for (nodes, words) in [
         (json!([{"children": [1]}, {"mesh": 0, "children": [0]}]), "more than once"),
         (json!([{"children": [7]}]), "no node 7"),
