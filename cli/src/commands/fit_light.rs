@@ -79,12 +79,10 @@ pub(crate) fn run(args: &FitLight) -> Result<(), Failure> {
     let map = latlong::from_cube(&radiance(&light), light.resolution, 2 * height, height, up);
     output::make_folder(output::folder_of(&args.output))?;
     latlong::write(&args.output, &map)?;
-    output::say(&format!(
-        "{}: light of {}, {} × {height}",
-        shown(&args.output),
-        counted(fitted.len(), "photograph"),
-        map.width
-    ))?;
+    if !args.json {
+        let (file, fitted) = (shown(&args.output), counted(fitted.len(), "photograph"));
+        output::say(&format!("{file}: light of {fitted}, {} × {height}", map.width))?;
+    }
 
     if !others.is_empty() {
         opened.scene.relight(&map, up);

@@ -238,3 +238,62 @@ fn lights_that_a_model_does_not_have_are_refused() {
     let said = eval();
     assert!(said.contains("light 5") && said.contains("cameras.json"), "{said}");
 }
+
+/// Means of red and blue of a map.
+fn red_and_blue(path: &Path) -> [f64; 2] {
+    let map = image::open(path).unwrap().to_rgb32f();
+    [0, 2].map(|channel| map.pixels().map(|pixel| f64::from(pixel.0[channel])).sum::<f64>())
+}
+
+#[test]
+fn pictures_are_left_out_and_their_light_is_fitted_to_the_model() {
+    let tiny = evening();
+    let without = write_table(&tiny, |split, k| if is_of_evening(split, k) { "-".into() } else { "noon".into() });
+    let said = stderr(&mut train(&tiny, "model", Some(&without)), 0);
+    assert!(said.contains("4 training pictures") && said.contains("leaves 4 pictures out"), "{said}");
+    let model = tiny.path("model");
+    let info = json_of(&model.join("specula.json"));
+    assert_eq!((&info["left_out"], &info["train_views"]), (&json!(["r_4", "r_5", "r_6", "r_7"]), &json!(4)));
+    let eval = stdout(specula().arg("eval").arg(&model).args(["--json", "--split", "all", "--executor", "cpu"]));
+    let views = serde_json::from_str::<Value>(&eval).unwrap()["views"].as_array().unwrap().len();
+    assert_eq!(views, 7, "those of the training and those held out");
+
+    let all = table(&tiny);
+    let fit = |light: &str, out: &str, words: &[&str]| {
+        let mut fit = specula();
+        fit.arg("fit-light").arg(&model).arg(tiny.data()).args([
+            "--lights-by",
+            all.to_str().unwrap(),
+            "--light",
+            light,
+        ]);
+        fit.args(["--iterations", "60", "--executor", "cpu", "-o"]).arg(tiny.path(out)).args(words);
+        fit
+    };
+    let said = stdout(&mut fit("evening", "evening.exr", &["--fit", "3", "--json"]));
+    let measured: Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(measured["views"].as_array().unwrap().len(), 1, "the fourth picture");
+    assert!(measured["PSNR"].as_f64().is_some_and(|psnr| psnr > 10.0), "{said}");
+    stdout(&mut fit("noon", "lights/noon.hdr", &[]));
+    let [evening, noon] = ["evening.exr", "lights/noon.hdr"].map(|name| red_and_blue(&tiny.path(name)));
+    assert!(evening[0] / evening[1] > 1.5 * noon[0] / noon[1], "the evening is red: {evening:?}, {noon:?}");
+
+    for (light, out, words, parts) in [
+        ("dusk", "x.exr", &[][..], &["no picture", "\"dusk\"", "\"evening\", \"noon\""][..]),
+        ("evening", "x.png", &[], &["x.png", ".exr or .hdr"]),
+        ("evening", "x.exr", &["--fit", "4"], &["--fit 4", "none of 4 photographs"]),
+    ] {
+        let said = stderr(&mut fit(light, out, words), 2);
+        assert!(parts.iter().all(|part| said.contains(part)), "{said}");
+        assert!(!tiny.path(out).exists());
+    }
+    crate::tiny::train_plain(&tiny, "plain").assert().success();
+    let mut plain = specula();
+    plain.arg("fit-light").arg(tiny.path("plain")).arg(tiny.data()).arg("-o").arg(tiny.path("x.exr"));
+    assert!(stderr(&mut plain, 2).contains("--relightable"));
+    let lacking = tiny.path("lacking.txt");
+    fs::write(&lacking, "train/r_0 noon\ntrain/r_1 noon\n").unwrap();
+    let said = stderr(&mut train(&tiny, "none", Some(&lacking)), 2);
+    assert!(said.contains("does not name 9 of the pictures") && said.contains("- for its light"), "{said}");
+    assert!(!said.contains("loading"), "before any picture is read: {said}");
+}

@@ -8,20 +8,28 @@ use specula_core::{
     camera::Camera,
     color::srgb_from_linear,
     rules::Channels,
-    scene::{ALBEDO, AMBIENT, Gaussians, LOG_SCALE, Layout, MEAN, METALNESS, OPACITY, QUAT, ROUGHNESS, len_of_values},
+    scene::{
+        ALBEDO, AMBIENT, Environment, Gaussians, LOG_SCALE, Layout, MEAN, METALNESS, OPACITY, QUAT, ROUGHNESS,
+        len_of_values,
+    },
 };
 use specula_cpu::CpuExecutor;
-use specula_io::latlong::{LatLong, UpAxis};
+use specula_io::latlong::{self, LatLong, UpAxis};
 use specula_oracle::independent::{
     paths::{Shape, Solid, Sun, Traced, World},
     rays::RayView,
 };
 use specula_scene::{
-    Scene, SceneRenderer, Shading, ShadingModel, Surface,
+    ExecutorChoice, Scene, SceneRenderer, Shading, ShadingModel, Surface,
+    environment::radiance,
     lamps::{SceneLamps, SunChoice, direction},
+    light_fit::LightFit,
     orbit,
 };
-use specula_train::near_field::{UnlitPicture, fused};
+use specula_train::{
+    near_field::{UnlitPicture, fused},
+    view::View,
+};
 
 /// Pixels along an edge of a traced picture.
 const SIZE: u32 = 64;
@@ -30,8 +38,9 @@ const SIZE: u32 = 64;
 const FINER: u32 = 8;
 /// Paths along an edge of a pixel.
 const PATHS: usize = 32;
-/// Distance between Gaussians of a surface.
+/// Distance between Gaussians of a surface; in a scene that a light is fitted to.
 const STEP: f64 = 0.012;
+const COARSE_STEP: f64 = 0.03;
 /// Standard deviation of a Gaussian along the surface, in steps: the layer is opaque.
 const WIDTH: f64 = 0.6;
 /// Voxels along the longest edge of the fused surface.
@@ -89,16 +98,16 @@ fn map(radiance: impl Fn(DVec3) -> DVec3) -> LatLong {
 }
 
 /// Flat Gaussians that cover the surfaces.
-fn gaussians(solids: &[Solid]) -> Gaussians<Vec<f32>> {
+fn gaussians(solids: &[Solid], step: f64) -> Gaussians<Vec<f32>> {
     let points: Vec<(&Solid, DVec3, DVec3)> = solids
         .iter()
-        .flat_map(|solid| solid.shape.points(STEP).into_iter().map(move |(point, normal)| (solid, point, normal)))
+        .flat_map(|solid| solid.shape.points(step).into_iter().map(move |(point, normal)| (solid, point, normal)))
         .collect();
     let layout = Layout::shaded(None).physical();
     let count = points.len();
     let mut gaussians = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
     let first = layout.physical_planes().expect("the layout is physical");
-    let wide = (WIDTH * STEP).ln() as f32;
+    let wide = (WIDTH * step).ln() as f32;
     for (index, (solid, point, normal)) in points.into_iter().enumerate() {
         let turn = Quat::from_rotation_arc(Vec3::Z, normal.as_vec3());
         gaussians.set(index, MEAN, point.as_vec3().to_array());
@@ -114,8 +123,8 @@ fn gaussians(solids: &[Solid]) -> Gaussians<Vec<f32>> {
 }
 
 /// Scene of the solids and of their surface as views from all around show it.
-fn scene(solids: &[Solid]) -> Scene {
-    let gaussians = gaussians(solids);
+fn scene(solids: &[Solid], step: f64) -> Scene {
+    let gaussians = gaussians(solids, step);
     let cameras = orbit::sphere(&gaussians, VIEWS);
     let shading_model = ShadingModel::DEFERRED;
     let scene = Scene::unlit(gaussians, shading_model);
@@ -205,7 +214,7 @@ fn shadow_iou(world: &World<'_>, a: &[Vec<f64>], b: &[Vec<f64>]) -> f64 {
 #[test]
 fn a_sky_lights_solids_as_paths_do() {
     let solids = solids(1.0);
-    let mut scene = scene(&solids);
+    let mut scene = scene(&solids, STEP);
     scene.relight(&map(sky), UpAxis::Z);
     let found = rendered(&scene);
     let world = World::new(&solids, &sky, &[]);
@@ -218,7 +227,7 @@ fn a_sky_lights_solids_as_paths_do() {
 #[test]
 fn a_sun_casts_the_shadows_of_paths_and_lights_what_faces_away() {
     let solids = solids(0.0);
-    let scene = scene(&solids);
+    let scene = scene(&solids, STEP);
     let choice: SunChoice = "30,50,3,0".parse().unwrap();
     let lit = |rays: usize| {
         let mut scene = scene.clone();
@@ -248,4 +257,80 @@ fn a_sun_casts_the_shadows_of_paths_and_lights_what_faces_away() {
     println!("without bounces {:.2} dB", psnr(&direct, &preview));
     assert!(iou > 0.9, "{iou}");
     assert!(of_all > 28.0 && of_preview < 24.0, "{of_all} dB, {of_preview} dB");
+}
+
+/// Path-traced views from all around, with alpha.
+fn photographs(world: &World<'_>, count: u32) -> Vec<View> {
+    /// Pixels and paths along an edge.
+    const FINE: (u32, usize) = (64, 6);
+    let (size, paths) = FINE;
+    let byte = |x: f64| (255.0 * x.clamp(0.0, 1.0)).round() as u8;
+    let view = |index: u32| {
+        let turn = 2.0 * core::f32::consts::PI * index as f32 / count as f32;
+        let eye = Vec3::new(3.0 * turn.cos(), 3.0 * turn.sin(), [0.7, 1.6, 2.6][index as usize % 3]);
+        let camera = Camera::look_at(eye, Vec3::new(0.0, 0.0, 0.15), Vec3::Z, 0.6, size, size);
+        let pixels = world.picture(&RayView::of(&camera), ALL, paths, 1);
+        let rgba = |pixel: &Traced| {
+            let [red, green, blue] = pixel.radiance.map(|x| byte(srgb_from_linear(x as f32).into()));
+            [red, green, blue, byte(pixel.coverage)]
+        };
+        View { name: index.to_string(), camera, rgba: pixels.iter().flat_map(rgba).collect(), normals: None }
+    };
+    (0..count).map(view).collect()
+}
+
+/// Correlation of two lights over the directions above the horizon.
+fn correlation(light: &Environment<Vec<f32>>, truth: impl Fn(DVec3) -> DVec3) -> f64 {
+    let grid = (0..40).flat_map(|up| (0..160).map(move |around| (up, around)));
+    let directions: Vec<[f64; 3]> = grid
+        .map(|(up, around)| {
+            let (z, turn) = ((f64::from(up) + 0.5) / 40.0, 2.0 * PI * f64::from(around) / 160.0);
+            let flat = (1.0 - z * z).sqrt();
+            [flat * turn.cos(), flat * turn.sin(), z]
+        })
+        .collect();
+    let found = latlong::radiance_along(&radiance(light), light.resolution, &directions);
+    let sum = |found: &[f32; 3]| found.iter().map(|number| f64::from(*number)).sum::<f64>();
+    let truth = directions.iter().map(|direction| truth(DVec3::from(*direction)).element_sum());
+    let pairs: Vec<[f64; 2]> = found.iter().map(sum).zip(truth).map(|(found, truth)| [found, truth]).collect();
+    let means = [0, 1].map(|k| pairs.iter().map(|pair| pair[k]).sum::<f64>() / pairs.len() as f64);
+    let moment = |a: usize, b: usize| pairs.iter().map(|pair| (pair[a] - means[a]) * (pair[b] - means[b])).sum::<f64>();
+    moment(0, 1) / (moment(0, 0) * moment(1, 1)).sqrt()
+}
+
+/// Gold mirrors the sky; slab and block see the rest of it.
+#[test]
+fn the_light_of_path_traced_pictures_is_found() {
+    const PICTURES: u32 = 6;
+    const STEPS: u32 = 120;
+    let solids = solids(1.0);
+    let mut scene = scene(&solids, COARSE_STEP);
+    let world = World::new(&solids, &sky, &[]);
+    let pictures = photographs(&world, PICTURES);
+    let fit = LightFit {
+        pictures: &pictures,
+        background: [WHITE as f32; 3],
+        iterations: STEPS,
+        executor: ExecutorChoice::Cpu,
+    };
+    let mut steps = Vec::new();
+    let found = scene.fit_light(&fit, |step, _| {
+        steps.push(step);
+        true
+    });
+    let found = found.unwrap().expect("nothing stops it");
+    assert_eq!(steps, (1..=STEPS).collect::<Vec<_>>());
+    let stopped = scene.fit_light(&fit, |step, _| step < 3).unwrap();
+    assert_eq!(stopped, None, "the caller stops it");
+
+    let alike = correlation(&found, sky);
+    let up = latlong::from_cube(&radiance(&found), found.resolution, 256, 128, UpAxis::Z);
+    let truth = traced(&world, ALL);
+    let [with_found, with_true] = [up, map(sky)].map(|map| {
+        scene.relight(&map, UpAxis::Z);
+        psnr(&truth, &rendered(&scene))
+    });
+    println!("correlation {alike:.3}; {with_found:.2} dB under the found light, {with_true:.2} dB under the true one");
+    assert!(alike > 0.9, "{alike}");
+    assert!(with_found > with_true - 1.5, "{with_found} dB, {with_true} dB");
 }

@@ -62,7 +62,7 @@ pub fn settings(
         densification: Densification {
             from: u32::MAX,
             until: u32::MAX,
-            every: u32::MAX,
+            every: 1_000_000,
             reset_every: 0,
             ..base.densification
         },
