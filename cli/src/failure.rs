@@ -7,7 +7,7 @@ use specula_cpu::{CpuError, OutOfMemory};
 #[cfg(feature = "gpu")]
 use specula_gpu::GpuError;
 use specula_scene::SceneError;
-use std::io;
+use std::{io, path::Path};
 
 /// Failure that ends the program. Its text is one sentence with the file and the remedy.
 #[derive(Debug, thiserror::Error)]
@@ -189,18 +189,20 @@ pub(crate) fn sentence_of(error: &clap::Error) -> String {
     let words: Vec<&str> = sentences.map(str::trim).filter(|line| !line.is_empty() && !is_of_parser(line)).collect();
     let sentence = words.join("; ").replacen("error: ", "", 1).replace(":; ", ": ");
     match error.get(ContextKind::InvalidArg) {
-        Some(ContextValue::String(word)) if error.kind() == ErrorKind::UnknownArgument => sentence + advice_on(word),
+        Some(ContextValue::String(word)) if error.kind() == ErrorKind::UnknownArgument => sentence + &advice_on(word),
         _ => sentence,
     }
 }
 
 /// Advice on a word that is no argument of a command.
-fn advice_on(word: &str) -> &'static str {
+fn advice_on(word: &str) -> String {
+    let is_file = !word.starts_with('-') && Path::new(word).extension().is_some();
     match word {
-        _ if included::light(word).is_some() => "; a light follows --env, one at a time",
-        "--quick" => "; only make has it: --minutes trains for a time",
-        "--iteration" => "; name the file of an iteration: MODEL/point_cloud/iteration_7000",
-        _ => "",
+        _ if included::light(word).is_some() => "; a light follows --env, one at a time".into(),
+        "--quick" => "; only make has it: --minutes trains for a time".into(),
+        "--iteration" => "; render and others open the folder of an iteration, MODEL/point_cloud/iteration_7000".into(),
+        _ if is_file => format!("; if it is an output, write -o {word}"),
+        _ => String::new(),
     }
 }
 

@@ -244,7 +244,7 @@ fn open_model(path: &Path, low_pass: Option<LowPass>) -> Result<Model, Failure> 
 }
 
 /// Models in a folder, by name; if there are none, those in its folders.
-fn models_in(folder: &Path) -> Vec<PathBuf> {
+pub(crate) fn models_in(folder: &Path) -> Vec<PathBuf> {
     let entries = |folder: &Path| std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let models = |folder: &Path| entries(folder).filter(|path| model_folder::latest_iteration(path).is_ok());
     let mut found: Vec<PathBuf> = models(folder).collect();
@@ -359,7 +359,11 @@ pub(crate) fn light_input(path: &Path) -> Result<Input<'_>, Failure> {
         return Err(not_a_light(path, ", but a folder"));
     }
     if path.exists() || path.extension().is_some() {
-        return Ok(Input::file(path));
+        let without_ending = path.with_extension("");
+        let included = without_ending.to_str().filter(|name| !path.exists() && included::light(name).is_some());
+        return included.map_or(Ok(Input::file(path)), |name| {
+            Err(Failure::Input(format!("there is no file {path:?}; the light in the program is named {name}")))
+        });
     }
     let name = path.to_str().unwrap_or_default();
     included::light(name).map(|bytes| Input::memory(name, bytes)).ok_or_else(|| {

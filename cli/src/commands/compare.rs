@@ -4,7 +4,9 @@ use crate::{
     args::{Compare, TableFormat},
     failure::Failure,
     output,
+    scene::models_in,
 };
+use specula_io::model_folder;
 use specula_report::comparison::{Comparison, Format, Measurement, Missing};
 use specula_scene::text::shown;
 use std::io::{IsTerminal, stdout};
@@ -12,6 +14,13 @@ use std::io::{IsTerminal, stdout};
 /// Reads the files of every run, and prints or writes the table.
 pub(crate) fn run(args: &Compare) -> Result<(), Failure> {
     let format = format_of(args)?;
+    for run in &args.runs {
+        let models = models_in(run);
+        if !model_folder::holds_training(run) && !models.is_empty() {
+            let models = models.iter().map(|model| shown(model)).collect::<Vec<_>>().join(" ");
+            return Err(Failure::Input(format!("{run:?} is not a model, but contains some: specula compare {models}")));
+        }
+    }
     let comparison = Comparison::read(&args.runs)?;
     if !comparison.is_measured() {
         let first = shown(&args.runs[0]);

@@ -261,6 +261,17 @@ impl Exporter<'_> {
         self.placement.as_ref().map(|(orientation, first)| Upright::new(orientation, first.as_ref(), axes))
     }
 
+    /// Transform of a file of another program into the axes of another format: viewers assume y down
+    /// in some, and up in others.
+    fn exchanged(&self, axes: AxisConvention) -> Option<Upright> {
+        let own = match self.up.up {
+            [0.0, 1.0, 0.0] => AxisConvention::YUp,
+            [0.0, -1.0, 0.0] => AxisConvention::YDown,
+            _ => return None,
+        };
+        (self.opened.folder.is_none() && own != axes && axes != AxisConvention::ZUp).then(Upright::half_turn)
+    }
+
     /// Transform of the node of a file: upright as requested, else only turned to its up axis.
     fn node(&self, axes: AxisConvention) -> Upright {
         self.upright(axes).unwrap_or_else(|| Upright::turned(&self.up, axes))
@@ -300,13 +311,18 @@ impl Exporter<'_> {
         plain: &PlainGaussians,
         references: Option<&ReferencePictures>,
     ) -> Result<(), Failure> {
-        let placed = self.upright(format.axes()).filter(|_| !format.has_node());
+        let exchanged = || self.exchanged(format.axes());
+        let placed = self.upright(format.axes()).or_else(exchanged).filter(|_| !format.has_node());
         let placement = if format.has_node() { Some(self.node(format.axes())) } else { placed };
         // Some loaders reject comments. Upright files need none: viewers assume their axes.
         let provenance = placed.is_none().then(|| PlainGaussians::provenance(self.scene(), self.method()));
         let comments: Vec<String> = provenance.into_iter().chain(self.origin()).collect();
         let stored = plain.write(path, format, self.scene(), placement.as_ref(), &comments)?;
         let mut losses = plain.losses(self.scene(), format, self.method());
+        if self.placement.is_none() && placed.is_some() {
+            let up = if format.axes() == AxisConvention::YUp { '+' } else { '-' };
+            losses = format!("{losses}; turned to {up}y up, as viewers of the format assume");
+        }
         if let Some(references) = references {
             let work = progress::work("comparing", references.count() as u64);
             let progress = |done| work.done(done as u64, String::new);

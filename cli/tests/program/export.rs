@@ -520,6 +520,40 @@ fn an_spz_is_read_by_the_crate_spz() {
 }
 
 #[test]
+fn files_of_other_programs_are_turned_to_the_axes_that_viewers_assume() {
+    let ball = Ball::under(soft);
+    let (upright, _) = ball.export("ball.ply", &["--upright", "--no-error"]);
+    let convert = |from: &Path, to: &str| {
+        let path = ball.tiny.path(to);
+        let mut command = specula();
+        command.arg("export").arg(from).arg("-o").arg(&path).args(["--no-error", "--quiet"]);
+        (path, String::from_utf8(command.assert().success().get_output().stdout.clone()).unwrap())
+    };
+    // Coordinates along an axis in ascending order: files have orders of their own.
+    let sorted = |mut values: Vec<f32>| {
+        values.sort_by(f32::total_cmp);
+        values
+    };
+    let along = |rows: &[BTreeMap<String, f32>], axis: &str, sign: f32| {
+        sorted(rows.iter().map(|row| sign * row[axis]).collect())
+    };
+    let rows = ply_rows(&upright);
+    let (spz, said) = convert(&upright, "turned.spz");
+    assert!(said.contains("turned to +y up"), "{said}");
+    let read = spz::GaussianSplat::load_packed_from_file(&spz, &spz::UnpackOptions::default()).unwrap();
+    for (axis, (name, sign)) in [("x", 1.0), ("y", -1.0), ("z", -1.0)].into_iter().enumerate() {
+        let found = sorted(read.positions.iter().skip(axis).step_by(3).copied().collect());
+        assert_near(&found, &along(&rows, name, sign), 1.0 / 4096.0, name);
+    }
+    let (back, said) = convert(&spz, "back.ply");
+    assert!(said.contains("turned to -y up"), "{said}");
+    for name in ["x", "y", "z"] {
+        assert_near(&along(&ply_rows(&back), name, 1.0), &along(&rows, name, 1.0), 1.0 / 4096.0, name);
+    }
+    assert!(!convert(&upright, "same.splat").1.contains("turned"), "both have y down");
+}
+
+#[test]
 fn a_glb_has_gaussians_as_khronos_wants_them_and_the_shading_beside_them() {
     let ball = Ball::under(soft);
     let (baked, _) = ball.export("ball.ply", &["--no-error"]);

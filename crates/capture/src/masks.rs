@@ -13,6 +13,9 @@ use std::path::{Path, PathBuf};
 ///
 /// No mask has the name of a picture, a mask cannot be read or written.
 pub(crate) fn copy(from: &Path, images: &Path, names: &[PathBuf], to: &Path) -> Result<[usize; 2]> {
+    if !from.is_dir() {
+        return Err(Error::Input(format!("there is no folder {from:?}; give the folder of the masks with --masks")));
+    }
     let found = masks::assigned(from, names);
     let pairs: Vec<_> = names.iter().zip(found.masks).filter_map(|(name, mask)| Some((name, mask?))).collect();
     if pairs.is_empty() {

@@ -68,6 +68,13 @@ impl Upright {
         Self { similarity }
     }
 
+    /// Half a turn about x, between worlds with y up and worlds with y down.
+    pub fn half_turn() -> Self {
+        let rotation = AxisConvention::YDown.rotation();
+        let similarity = Similarity { rotation, scale: 1.0, centre: DVec3::ZERO, translation: DVec3::ZERO };
+        Self { similarity }
+    }
+
     /// Point, transformed.
     pub fn point(&self, point: [f32; 3]) -> [f32; 3] {
         self.similarity.point(point)

@@ -29,12 +29,15 @@ const HINTS = {
   indirect: "light of other surfaces along the reflection",
   irradiance: "irradiance of the material, shown as the colour of a white wall",
 };
+/** Status before the first picture. */
+const STARTING = element("status").textContent;
 /** Duration of an error message, in milliseconds. */
 const MESSAGE_TIME = 8000;
 
 /** Shows a message: errors for a while, those of the stream until the next picture, fatal ones for good. */
 function notify(text, kind = "error") {
-  const message = element("message");
+  const [message, status] = [element("message"), element("status")];
+  if (status.textContent === STARTING) status.textContent = "";
   clearTimeout(notify.timer);
   message.textContent = text;
   message.className = kind;
