@@ -185,7 +185,7 @@ impl From<clap::Error> for Failure {
 pub(crate) fn sentence_of(error: &clap::Error) -> String {
     let text = error.to_string();
     let sentences = text.lines().take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
-    let is_of_parser = |line: &&str| line.starts_with("tip: to pass '--");
+    let is_of_parser = |line: &&str| line.starts_with("tip: to pass '");
     let words: Vec<&str> = sentences.map(str::trim).filter(|line| !line.is_empty() && !is_of_parser(line)).collect();
     let sentence = words.join("; ").replacen("error: ", "", 1).replace(":; ", ": ");
     match error.get(ContextKind::InvalidArg) {
@@ -196,13 +196,17 @@ pub(crate) fn sentence_of(error: &clap::Error) -> String {
 
 /// Advice on a word that is no argument of a command.
 fn advice_on(word: &str) -> String {
-    let is_file = !word.starts_with('-') && Path::new(word).extension().is_some();
     match word {
         _ if included::light(word).is_some() => "; a light follows --env, one at a time".into(),
         "--quick" => "; only make has it: --minutes trains for a time".into(),
         "--iteration" => "; render and others open the folder of an iteration, MODEL/point_cloud/iteration_7000".into(),
-        _ if is_file => format!("; if it is an output, write -o {word}"),
-        _ => String::new(),
+        _ if word.parse::<f64>().is_ok_and(|number| number >= 0.0) => {
+            "; several numbers of an option are joined by commas, as in 640,480".into()
+        }
+        _ if word.parse::<f64>().is_ok() => "; a negative number is not valid here".into(),
+        _ if word.starts_with('-') => String::new(),
+        _ if Path::new(word).extension().is_some() => format!("; if it is an output, write -o {word}"),
+        _ => "; outputs are named with -o, the model of a training with -m".into(),
     }
 }
 

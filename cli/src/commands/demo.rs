@@ -82,7 +82,7 @@ fn next_commands(folder: &Path) -> [String; 2] {
     let model = shown(&folder.join(PROFILES[1]));
     let lit = "--sun 30,40,2.5 --ground --turntable 24 --size 480,480";
     [
-        format!("specula view {model} --env sunset --sun 30,40 --ground"),
+        format!("specula view {model} --env sunset --sun 30,40,1.5 --ground"),
         format!("specula relight {model} --env sunset --exposure -1 {lit}"),
     ]
 }

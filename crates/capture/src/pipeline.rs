@@ -144,6 +144,11 @@ struct Run<'a> {
     record: Record,
 }
 
+/// Number of pairs of pictures.
+const fn all_pairs(pictures: usize) -> usize {
+    pictures * pictures.saturating_sub(1) / 2
+}
+
 impl Run<'_> {
     fn all(&mut self, inputs: &[Input]) -> Result<Outcome> {
         let has_other_masks = self.change_masks()?;
@@ -154,7 +159,8 @@ impl Run<'_> {
         if !self.is_good(1) {
             let is_masked = self.record.attempts[0].is_masked;
             let masks = if is_masked { ", outside of masks as well" } else { "" };
-            tracing::warn!("{}; trying again with more features and pairs{masks}", self.summary(1));
+            let more = if is_best { "with lower thresholds" } else { "with more features and pairs" };
+            tracing::warn!("{}; trying again {more}{masks}", self.summary(1));
             self.attempt(2, inputs, &best)?;
         }
         let attempts = self.record.attempts.iter().enumerate();
@@ -246,8 +252,14 @@ impl Run<'_> {
         let mut attempt =
             Attempt { pictures: names.len(), size: quality.size, features: quality.features, ..Attempt::default() };
         attempt.is_masked = masks.is_some();
-        let database = self.database(number);
-        self.features(number, &database, &names, masks.as_deref(), quality, &mut attempt)?;
+        let first = self.record.attempts.first().filter(|first| number > 1 && first.has_features_of(&attempt)).cloned();
+        let database = self.database(if first.is_some() { 1 } else { number });
+        match &first {
+            Some(Attempt { shared_cameras, own_cameras, .. }) => {
+                (attempt.shared_cameras, attempt.own_cameras) = (*shared_cameras, *own_cameras);
+            }
+            None => self.features(number, &database, &names, masks.as_deref(), quality, &mut attempt)?,
+        }
         let most = if number == 1 { EXHAUSTIVE } else { SECOND_EXHAUSTIVE };
         let is_sparse = number == 1 && !self.options.is_best && names.len() > FEW;
         let is_video = matches!(inputs, [Input::Video(_)]);
@@ -255,9 +267,12 @@ impl Run<'_> {
             true if !is_sparse || !is_video => Some(Sequence::DENSE),
             _ => is_sparse.then_some(Sequence::SPARSE),
         };
-        let first = Matching::First(number);
-        self.matches(first, &database, &names, sequence, &mut attempt)?;
-        self.map(first, &database, names.len(), &mut attempt)?;
+        let matching = Matching::First(number);
+        match first.filter(|first| (first.pairs, sequence) == (all_pairs(names.len()), None)) {
+            Some(Attempt { matching, pairs, .. }) => (attempt.matching, attempt.pairs) = (matching, pairs),
+            None => self.matches(matching, &database, &names, sequence, &mut attempt)?,
+        }
+        self.map(matching, &database, names.len(), &mut attempt)?;
         let is_well = attempt.registered() as f64 >= REGISTERED_WELL * names.len() as f64;
         if sequence == Some(Sequence::SPARSE) && names.len() <= most && !is_well {
             tracing::info!("{} of {} pictures have a camera; matching all pairs", attempt.registered(), names.len());
@@ -472,7 +487,7 @@ impl Run<'_> {
     ) -> Result<()> {
         let count = names.len();
         let pairs = sequence.map(|sequence| sequence.pairs(count));
-        let all = count * count.saturating_sub(1) / 2;
+        let all = all_pairs(count);
         attempt.matching = if pairs.is_some() { "neighbours and loops" } else { "all pairs" }.into();
         attempt.pairs = pairs.as_ref().map_or(all, Vec::len);
         let step_name = format!("matches {matching}");

@@ -59,6 +59,12 @@ pub(crate) struct Attempt {
 }
 
 impl Attempt {
+    /// Whether the features of this attempt are those of another one, too.
+    pub(crate) fn has_features_of(&self, other: &Self) -> bool {
+        let key = |attempt: &Self| (attempt.pictures, attempt.size, attempt.features, attempt.is_masked);
+        key(self) == key(other)
+    }
+
     /// Number of pictures with a camera in the largest model.
     pub(crate) fn registered(&self) -> usize {
         self.models.first().copied().unwrap_or(0)

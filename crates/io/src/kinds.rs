@@ -41,7 +41,7 @@ const KINDS: &[Kind] = &[
     Kind { name: "an .lcc file of Gaussians", remedy: CONVERT, endings: &["lcc"], starts: &[] },
     Kind {
         name: "a USD stage",
-        remedy: CONVERT,
+        remedy: "specula writes USD and does not read it: open the model or the PLY file that it was made from",
         endings: &["usd", "usda", "usdc", "usdz"],
         starts: &[b"PXR-USDC", b"#usda"],
     },

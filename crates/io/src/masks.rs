@@ -70,7 +70,13 @@ pub(crate) fn assign(
             let mask = masks.of(image, counts[&name_of(image)] == 1);
             shot.mask = mask.filter(|mask| !pictures.contains(mask));
         }
-        masks.note_unused(shots.iter().filter_map(|(_, shot)| shot.mask.as_deref()).collect(), notes);
+        // Pictures without a camera are noted as such; their masks are as they should be.
+        let others =
+            files.paths.iter().filter(|path| is_picture(path) && !files.root.join(path).starts_with(&masks.folder));
+        let others = others.filter_map(|path| masks.of(path.strip_prefix(images).ok()?, true));
+        let others: Vec<PathBuf> = others.collect();
+        let used = shots.iter().filter_map(|(_, shot)| shot.mask.as_deref()).chain(others.iter().map(PathBuf::as_path));
+        masks.note_unused(used.collect(), notes);
     }
     let without = shots.iter().filter(|(_, shot)| shot.mask.is_none()).count();
     if without > 0 && without < shots.len() {

@@ -18,7 +18,9 @@ use specula_scene::{
     OpenedModel, Scene,
     dataset::{Dataset, points_of},
     environment::radiance,
+    light_turn::LightTurn,
     number::group_digits,
+    orientation,
     text::{printable, shown},
 };
 use specula_train::{start::Point, view::View};
@@ -217,6 +219,26 @@ impl Contents {
         let text = |(light, name)| format!("{} {name:?}, of {} pictures", light + 1, count(light));
         let lights: Vec<String> = names.iter().enumerate().map(text).collect();
         self.add("lights", lights.join("; "), json!(names));
+        self.add_turns(opened, &names)
+    }
+
+    /// Adds the turns of lights that are like the first one.
+    fn add_turns(&mut self, opened: &OpenedModel, names: &[&str]) -> Result<()> {
+        let Some(first) = &opened.scene.light else { return Ok(()) };
+        let up = orientation::up(&opened.orientation(None)?);
+        let (mut texts, mut facts) = (Vec::new(), Vec::new());
+        for (light, name) in opened.scene.other_lights.iter().zip(&names[1..]) {
+            let found = LightTurn::find(first, light, up).filter(LightTurn::is_clear);
+            let Some(LightTurn { degrees, correlation, second }) = found else { continue };
+            texts.push(format!(
+                "{name:?} is like {:?}, with the object turned by {degrees:.1}° (correlation {correlation:.2}, next {second:.2})",
+                names[0]
+            ));
+            facts.push(json!({"light": name, "degrees": degrees, "correlation": correlation, "second": second}));
+        }
+        if !texts.is_empty() {
+            self.add("turned", texts.join("; "), facts.into());
+        }
         Ok(())
     }
 

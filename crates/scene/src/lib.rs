@@ -58,6 +58,7 @@ pub mod lamps;
 pub mod layer;
 pub mod light_file;
 pub mod light_fit;
+pub mod light_turn;
 mod lighting;
 pub mod number;
 mod opened;

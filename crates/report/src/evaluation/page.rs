@@ -134,7 +134,7 @@ impl LightSection {
 /// Conditions of an evaluation as text.
 fn facts(evaluation: &Evaluation) -> String {
     let network = evaluation.lpips_network.as_deref().map_or(String::new(), |network| format!(" LPIPS by {network}."));
-    let method = evaluation.method.as_deref().map_or(String::new(), |method| format!("{method}, "));
+    let method = evaluation.method.as_deref().map_or(String::new(), settings);
     let sizes = || evaluation.views.iter().map(|view| view.size);
     let area = |size: &[u32; 2]| u64::from(size[0]) * u64::from(size[1]);
     let key = |size: &[u32; 2]| (area(size), *size);
@@ -144,13 +144,25 @@ fn facts(evaluation: &Evaluation) -> String {
         true => format!("{width} × {height}"),
         false => format!("{width} × {height} to {width_max} × {height_max}"),
     };
-    let [r, g, b] = evaluation.background;
+    let background = match evaluation.background {
+        [0.0, 0.0, 0.0] => "black".to_owned(),
+        [1.0, 1.0, 1.0] => "white".to_owned(),
+        [r, g, b] => format!("{r},{g},{b}"),
+    };
     format!(
-        "{method}{} Gaussians, {} {} views of {sizes} pixels, background {r},{g},{b}.{network}",
+        "{method}{} Gaussians, {} {} views of {sizes} pixels, background {background}.{network}",
         group_digits(evaluation.gaussians),
         evaluation.views.len(),
         evaluation.split,
     )
+}
+
+/// Key of the results, such as `ours_7000_f16`, as text.
+fn settings(method: &str) -> String {
+    let mut parts = method.strip_prefix("ours_").unwrap_or(method).split('_');
+    let iterations = parts.next().unwrap_or_default();
+    let others: String = parts.map(|part| format!("{part}, ")).collect();
+    format!("{iterations} iterations, {others}")
 }
 
 /// Worst value, mean and best value of each computed measure.
