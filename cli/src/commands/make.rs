@@ -39,7 +39,7 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
         return Err(Failure::Input(format!(
             "only {registered} of {pictures} pictures have cameras, too few for a scene; take pictures that overlap by two \
              thirds, or train on these: {}",
-            command_text(["specula", "train", &text(&data)])
+            command_text(["specula", "train", &text(&data), "-m", &text(&model)])
         )));
     }
     let mut commands = Commands::new(&args.output);
