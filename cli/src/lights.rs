@@ -129,7 +129,7 @@ impl NamedLights {
 }
 
 /// Rejects lamps on a scene without physical materials.
-pub(crate) fn refuse_without_materials(scene: &Scene) -> Result<(), Failure> {
+fn refuse_without_materials(scene: &Scene) -> Result<(), Failure> {
     if scene.gaussians.layout.is_physical {
         return Ok(());
     }

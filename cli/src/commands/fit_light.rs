@@ -34,7 +34,7 @@ pub(crate) fn run(args: &FitLight) -> Result<(), Failure> {
     let defaults = opened.info.as_ref().map(options_of).unwrap_or_default();
     let lights = match (&args.lights_by, &args.light) {
         (Some(path), only) => LightSource::Table { path: path.clone(), only: only.clone() },
-        _ => LightSource::Known,
+        _ => LightSource::Unknown,
     };
     let options = LoadOptions {
         downscale: args.resolution.unwrap_or(defaults.downscale),
@@ -59,6 +59,7 @@ pub(crate) fn run(args: &FitLight) -> Result<(), Failure> {
              masks give a better one (docs/datasets.md)"
         );
     }
+    output::make_folder(output::folder_of(&args.output))?;
     interrupt::watch()?;
     let background = background_of(&opened, args.background);
     let fit = LightFit {
@@ -77,7 +78,6 @@ pub(crate) fn run(args: &FitLight) -> Result<(), Failure> {
     let height = 2 * light.resolution;
     let up = MapUp::Scene.orientation(orientation::up(&opened.orientation(None)?));
     let map = latlong::from_cube(&radiance(&light), light.resolution, 2 * height, height, up);
-    output::make_folder(output::folder_of(&args.output))?;
     latlong::write(&args.output, &map)?;
     if !args.json {
         let (file, fitted) = (shown(&args.output), counted(fitted.len(), "photograph"));

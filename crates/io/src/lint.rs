@@ -130,7 +130,8 @@ fn of_header(header: &[u8]) -> Vec<Finding> {
     if ["comment", "obj_info"].into_iter().any(has) {
         findings.push(Finding::new(
             "its header has comments",
-            "loaders that expect the vertex count in the third line fail, as spz's before October 2025 and spz-js",
+            "loaders that expect the vertex count in the third line fail, as spz's before October 2025 and spz-js; \
+             specula export --upright writes none",
         ));
     }
     if !header.is_ascii() {
