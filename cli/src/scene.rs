@@ -8,7 +8,12 @@ use crate::{
     progress,
 };
 use glam::Vec3;
-use specula_core::{antialias::LowPass, region::Ball, scene::Image, shade::ShadingForm};
+use specula_core::{
+    antialias::LowPass,
+    region::Ball,
+    scene::{Image, MEAN},
+    shade::ShadingForm,
+};
 use specula_io::{
     Error, Input, budget, dataset, glb,
     latlong::{LatLong, MapOrientation},
@@ -21,6 +26,7 @@ use specula_scene::{
     camera_set::CameraSet,
     capture::Capture,
     crop::Crop,
+    foreground::Foreground,
     light_file::{self, LightOptions},
     number::group_digits,
     picture_folder::light_differences,
@@ -69,11 +75,29 @@ pub(crate) fn open_as(path: &Path, options: &SceneOptions) -> Result<OpenedModel
     Ok(opened)
 }
 
-/// Notes that a region keeps what the object stands on, and what becomes of that.
-pub(crate) fn note_support(options: &SceneOptions, becomes: &str) {
-    if options.crop.is_some_and(|crop| crop != Crop::Object) {
-        tracing::info!("--crop keeps what the object stands on, which {becomes}; --crop object removes it");
+/// Notes that a scene keeps its surroundings, or what the object stands on, and what becomes of
+/// them.
+pub(crate) fn note_support(options: &SceneOptions, opened: &OpenedModel, becomes: &str) -> Result<(), Failure> {
+    /// Share of the Gaussians around the subject above which a scene has surroundings.
+    const SHARE_MIN: f64 = 0.2;
+    match options.crop {
+        Some(Crop::Object) => {}
+        Some(_) => {
+            tracing::info!("--crop keeps what the object stands on, which {becomes}; --crop object removes it");
+        }
+        None if opened.folder.is_some() => {
+            let Some(ball) = Foreground::Auto.ball(Some(&opened.orientation(None)?), opened.origin) else {
+                return Ok(());
+            };
+            let gaussians = &opened.scene.gaussians;
+            let around = (0..gaussians.count).filter(|index| !ball.contains(gaussians.get::<3>(*index, MEAN))).count();
+            if around as f64 > SHARE_MIN * gaussians.count as f64 {
+                tracing::info!("what is around the object {becomes}; --crop object shows only the object");
+            }
+        }
+        None => {}
     }
+    Ok(())
 }
 
 /// Opens a glTF file, which names its shading.

@@ -137,7 +137,7 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         opened.is_relit = true;
     }
     if has_mesh {
-        scene::note_support(&args.scene_options, "becomes part of the mesh");
+        scene::note_support(&args.scene_options, &opened, "becomes part of the mesh")?;
     }
     for path in &args.output {
         output::make_folder(output::folder_of(path))?;

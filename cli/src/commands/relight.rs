@@ -43,7 +43,7 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     let ViewOptions { scene_options, .. } = &args.views;
     let mut opened = scene::open_as(&args.scene, scene_options)?;
     let plan = LightPlan::new(&args.lights, (&args.env_options).into())?;
-    let views = &over_ground(args, plan.has_ground(), &opened);
+    let views = &over_ground(args, plan.has_ground(), &opened)?;
     refuse_options_without_light(plan.env(), (&args.env_options).into())?;
     let mut set = CameraSet::choose(&(&args.views).into(), &opened)?;
     set.keep_light_still();
@@ -108,17 +108,18 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
 }
 
 /// Options of the pictures. Ground is white where it would be as black as the shadows on it.
-fn over_ground(args: &Relight, has_ground: bool, opened: &OpenedModel) -> ViewOptions {
+fn over_ground(args: &Relight, has_ground: bool, opened: &OpenedModel) -> Result<ViewOptions, Failure> {
     if has_ground {
-        scene::note_support(&args.views.scene_options, "covers the ground in part");
+        scene::note_support(&args.views.scene_options, opened, "covers the ground in part")?;
     }
     if !has_ground || args.views.background.is_some() || opened.background() != [0.0; 3] {
-        return args.views.clone();
+        return Ok(args.views.clone());
     }
     tracing::info!(
         "the ground is white, because the model's background is black and shows no shadow; --background changes it"
     );
-    ViewOptions { background: Some(BackgroundChoice::Color(BackgroundColor([1.0; 3]))), ..args.views.clone() }
+    let background = Some(BackgroundChoice::Color(BackgroundColor([1.0; 3])));
+    Ok(ViewOptions { background, ..args.views.clone() })
 }
 
 /// First camera of a set, once for each picture of a turning light.
