@@ -15,8 +15,13 @@ use specula_io::{
 };
 use specula_report::measure::{self, PSNR, SSIM, ViewMeasures};
 use specula_scene::{
-    RenderOptions, SceneError, SceneRenderer, dataset::options_of, environment::radiance, light_file::MapUp,
-    light_fit::LightFit, number::counted, orientation, text::shown,
+    RenderOptions, SceneError, SceneRenderer,
+    dataset::options_of,
+    light_file::{self, MapUp},
+    light_fit::LightFit,
+    number::counted,
+    orientation,
+    text::shown,
 };
 use specula_train::view::View;
 
@@ -75,17 +80,16 @@ pub(crate) fn run(args: &FitLight) -> Result<(), Failure> {
     })?;
     work.finish();
     let light = light.ok_or_else(|| Failure::Interrupted("interrupted; nothing was written".into()))?;
-    let height = 2 * light.resolution;
-    let up = MapUp::Scene.orientation(orientation::up(&opened.orientation(None)?));
-    let map = latlong::from_cube(&radiance(&light), light.resolution, 2 * height, height, up);
+    let up = orientation::up(&opened.orientation(None)?);
+    let map = light_file::map_of(&light, up);
     latlong::write(&args.output, &map)?;
     if !args.json {
         let (file, fitted) = (shown(&args.output), counted(fitted.len(), "photograph"));
-        output::say(&format!("{file}: light of {fitted}, {} × {height}", map.width))?;
+        output::say(&format!("{file}: light of {fitted}, {} × {}", map.width, map.height))?;
     }
 
     if !others.is_empty() {
-        opened.scene.relight(&map, up);
+        opened.scene.relight(&map, MapUp::Scene.orientation(up));
         let options = RenderOptions::full_precision(args.executor.clone());
         let mut renderer = SceneRenderer::new(opened.scene, Channels::Training, &options)?;
         report(args, &measure_views(&mut renderer, &others, background, false)?)?;

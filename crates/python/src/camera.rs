@@ -6,7 +6,7 @@ use crate::{
     threads::try_compute,
 };
 use glam::Vec3;
-use numpy::PyArrayDyn;
+use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use specula_core::camera;
 use specula_io::dataset::LoadOptions;
@@ -162,6 +162,15 @@ pub(crate) struct View {
     /// Unit normals in the world, 0 where there is none; none without ground truth.
     #[pyo3(get)]
     normals: Option<Py<PyArrayDyn<f32>>>,
+}
+
+impl View {
+    /// The picture and its camera.
+    pub(crate) fn read(&self, py: Python<'_>) -> PyResult<specula_train::view::View> {
+        let rgba = self.rgba.bind(py).to_vec()?;
+        let Camera { camera, name } = self.camera.clone();
+        Ok(specula_train::view::View { name, camera, rgba, normals: None })
+    }
 }
 
 #[pymethods]

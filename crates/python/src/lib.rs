@@ -25,7 +25,7 @@ mod _core {
     #[pymodule_export]
     use light::{Light, PrefilteredLight, cube_to_latlong, latlong_to_cube, prefilter};
     #[pymodule_export]
-    use quality::{normal_mae, psnr, ssim};
+    use quality::{flip, normal_mae, psnr, ssim};
     #[pymodule_export]
     use raster::{Tape, rasterize};
     #[pymodule_export]

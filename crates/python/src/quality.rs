@@ -6,7 +6,7 @@ use crate::{
     threads::compute,
 };
 use pyo3::prelude::*;
-use specula_core::metrics;
+use specula_core::{metrics, scene::Image};
 use specula_train::evaluate::{mean_squared_error, mean_ssim};
 
 /// Two pictures of one shape [H, W, 3].
@@ -41,6 +41,19 @@ pub(crate) fn ssim(py: Python<'_>, a: &Bound<'_, PyAny>, b: &Bound<'_, PyAny>) -
     let (height, width) = (a.shape()[0], a.shape()[1]);
     let [a, b] = [planes(a.values(), 3), planes(b.values(), 3)];
     Ok(compute(py, || mean_ssim(width, height, &a, &b))?)
+}
+
+/// Mean ꟻLIP of two pictures.
+#[pyfunction]
+pub(crate) fn flip(py: Python<'_>, reference: &Bound<'_, PyAny>, test: &Bound<'_, PyAny>) -> PyResult<f64> {
+    let [reference, test] = pair(reference, test)?;
+    let (height, width) = (reference.shape()[0], reference.shape()[1]);
+    let image = |values: &[f32]| {
+        let values = planes(values, 3).into_iter().map(f64::from).collect();
+        Image { width, height, channels: 3, values }
+    };
+    let [reference, test] = [image(reference.values()), image(test.values())];
+    Ok(compute(py, || specula_accuracy::flip::flip(&reference, &test))?)
 }
 
 /// Mean angle between normals in degrees.

@@ -2,12 +2,12 @@
 
 use crate::{
     arrays::{array, interleaved},
-    camera::Camera,
+    camera::{Camera, View},
     errors::{Failure, Result},
     light::{Light, parsed},
     threads::{try_compute, try_compute_with},
 };
-use pyo3::{prelude::*, types::PyDict};
+use pyo3::{exceptions::PyKeyboardInterrupt, prelude::*, types::PyDict};
 use specula_core::{
     activation::sigmoid,
     rules::RenderRules,
@@ -19,6 +19,8 @@ use specula_scene::{
     ExecutorChoice, Layer, Lighting, OpenedModel, RenderOptions, SceneRenderer, Shading,
     export::{BakeMethod, GaussianFormat, PlainGaussians, is_of_model, visible},
     lamps::shadow_surface,
+    light_file,
+    light_fit::LightFit,
     orientation,
     upright::Upright,
 };
@@ -157,6 +159,32 @@ impl Scene {
             };
             Ok(Lighting { occluder, ..light.lighting.clone() }.light(&mut opened.scene, up)?)
         })?)
+    }
+
+    /// Light of pictures of the scene.
+    #[pyo3(signature = (views, *, iterations=900, background=None, executor="auto"))]
+    fn fit_light(
+        &self,
+        py: Python<'_>,
+        views: Vec<PyRef<'_, View>>,
+        iterations: u32,
+        background: Option<[f32; 3]>,
+        executor: &str,
+    ) -> PyResult<Light> {
+        let pictures = views.iter().map(|view| view.read(py)).collect::<PyResult<Vec<_>>>()?;
+        let executor = executor_of(executor)?;
+        let is_interrupted = || Python::attach(|py| py.check_signals()).is_err();
+        let found = self.with(py, |opened| {
+            let background = background.unwrap_or(opened.background());
+            let fit = LightFit { pictures: &pictures, background, iterations, executor };
+            let light = opened.scene.fit_light(&fit, |_, _| !is_interrupted())?;
+            let up = orientation::up(&opened.orientation(None)?);
+            Ok(light.map(|light| light_file::map_of(&light, up)))
+        })?;
+        match found {
+            Some(map) => Ok(Light { lighting: Lighting { map: Some(map), ..Lighting::default() } }),
+            None => Err(PyKeyboardInterrupt::new_err("interrupted")),
+        }
     }
 
     /// Shows view-dependent colours or physical materials.

@@ -107,6 +107,19 @@ def test_suns_need_materials(shaded, plain):
         sg.Scene.load(plain).relight(sun)
 
 
+def test_the_light_of_pictures_is_fitted(shaded, plain, dataset):
+    views = sg.load_views(dataset, "test", downscale=8)
+    scene = sg.Scene.load(shaded)
+    assert scene.has_materials
+    light = scene.fit_light(views[:2], iterations=12, executor="cpu")
+    assert light.latlong.shape[2] == 3 and np.isfinite(light.latlong).all() and light.latlong.std() > 0
+    scene.relight(light)
+    with pytest.raises(sg.InvalidInput, match="materials"):
+        sg.Scene.load(plain).fit_light(views)
+    with pytest.raises(sg.SpeculaError):
+        scene.fit_light([])
+
+
 @pytest.mark.parametrize("ending", ["ply", "splat", "spz", "glb"])
 def test_exports(plain, tmp_path, ending):
     scene = sg.Scene.load(plain)

@@ -92,6 +92,7 @@ def test_measures():
     quantized = [np.floor(x * 255 + 0.5) / 255 for x in (a, b)]
     assert abs(sg.psnr(a, b) + 10 * np.log10(mse(*quantized))) < 1e-3
     assert sg.psnr(a, a) == np.inf and abs(sg.ssim(a, a) - 1) < 1e-6 and 0 < sg.ssim(a, b) < 1
+    assert sg.flip(a, a) == 0 and 0.01 < sg.flip(a, b) < sg.flip(np.zeros_like(a), np.ones_like(a)) <= 1
     up = np.zeros((2, 2, 3))
     up[..., 2] = 1
     tilted = up.copy()
@@ -113,6 +114,7 @@ def test_measures():
         lambda: sg.split_sum([0.5, 0.2], [0.1, 0.2, 0.3]),
         lambda: sg.psnr(np.ones((4, 4, 3)), np.ones((4, 5, 3))),
         lambda: sg.ssim(np.ones((0, 0, 3)), np.ones((0, 0, 3))),
+        lambda: sg.flip(np.ones((4, 4, 3)), np.ones((5, 4, 3))),
         lambda: sg.normal_mae(np.zeros((2, 2, 3)), np.ones((2, 2, 3))),
         lambda: sg.Light.dark().with_sun(0, 100),
         lambda: sg.Light.dark().with_sun(0, 10, color="red"),

@@ -106,6 +106,12 @@ pub fn read(input: Input<'_>) -> Result<(LatLong, Vec<String>), SceneError> {
     Ok((map, warnings))
 }
 
+/// Lat-long map of a light, whose upper edge is the scene's up direction, at twice its resolution.
+pub fn map_of(light: &Environment<Vec<f32>>, up: Vec3) -> LatLong {
+    let height = 2 * light.resolution;
+    latlong::from_cube(&radiance(light), light.resolution, 2 * height, height, MapUp::Scene.orientation(up))
+}
+
 /// Writes a lat-long preview of a cube map of linear radiance, tone-mapped.
 ///
 /// # Errors

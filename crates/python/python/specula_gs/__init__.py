@@ -13,6 +13,7 @@ from ._errors import DeviceError, FileError, InvalidInput, SpeculaError, Trainin
 from ._rasterization import Gradients, Meta, rasterization, rasterization_vjp
 from ._shading import (
     cube_to_latlong,
+    flip,
     ggx,
     irradiance,
     latlong_to_cube,
@@ -44,6 +45,7 @@ __all__ = [
     "View",
     "__version__",
     "cube_to_latlong",
+    "flip",
     "ggx",
     "irradiance",
     "latlong_to_cube",

@@ -28,6 +28,7 @@ __all__ = [
     "shade_physical",
     "split_sum",
     "ssim",
+    "flip",
     "thread_count",
     "train",
 ]
@@ -233,6 +234,21 @@ class Scene:
         them.
         """
 
+    def fit_light(
+        self,
+        views: Sequence[View],
+        *,
+        iterations: int = 900,
+        background: _Color | None = None,
+        executor: str = "auto",
+    ) -> Light:
+        """Light of pictures of the scene: geometry and materials are held, the light is fitted.
+
+        `views` are those of `load_views`, in the world of the scene, cut out by alpha; `background`
+        is behind them, by default that of the training. The scene is not changed: `relight` shows
+        it under the light. Ctrl-C raises KeyboardInterrupt.
+        """
+
     def shade_as(self, shading: Literal["view", "physical"]) -> None:
         """Shows view-dependent colours or physical materials, in place."""
 
@@ -371,4 +387,5 @@ def shade_physical(
 ) -> NDArray[np.float32]: ...
 def psnr(a: ArrayLike, b: ArrayLike, *, quantized: bool = True) -> float: ...
 def ssim(a: ArrayLike, b: ArrayLike) -> float: ...
+def flip(reference: ArrayLike, test: ArrayLike) -> float: ...
 def normal_mae(a: ArrayLike, b: ArrayLike, mask: ArrayLike | None = None) -> float: ...

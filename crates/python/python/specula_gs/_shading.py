@@ -208,6 +208,14 @@ def ssim(a: ArrayLike, b: ArrayLike) -> float:
     return _core.ssim(a, b)
 
 
+def flip(reference: ArrayLike, test: ArrayLike) -> float:
+    """Mean ꟻLIP of two sRGB pictures [H, W, 3] in [0, 1]: the difference that is seen when they alternate.
+
+    0 for equal pictures, at most 1, at 67 pixels per degree (Andersson et al. 2020).
+    """
+    return _core.flip(reference, test)
+
+
 def normal_mae(a: ArrayLike, b: ArrayLike, mask: ArrayLike | None = None) -> float:
     """Mean angle between two pictures of normals [H, W, 3], in degrees.
 
