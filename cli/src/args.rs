@@ -65,7 +65,8 @@ pub(crate) struct Arguments {
 const EXAMPLES: &str = "\
 Examples:
   specula demo                                    try everything, without any data
-  specula capture walk.mov -o data/vase           estimate the cameras of a video or of photographs
+  specula make walk.mov -o out/vase --quick       from a video or photographs to a relit turntable
+  specula capture walk.mov -o data/vase           estimate their cameras
   specula train data/chair -m out/chair --eval    train a scene, measure held-out views
   specula render out/chair --layers rgb,normal    render the test views
   specula relight out/chair --env sunset.hdr      render them under another light

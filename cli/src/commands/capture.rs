@@ -30,16 +30,21 @@ pub(crate) fn run(args: &Capture) -> Result<(), Failure> {
     let Outcome { pictures, registered, .. } = outcome;
     output::say(&format!("{}: {registered} of {pictures} pictures have a camera", shown(&args.output)))?;
     findings.iter().try_for_each(|finding| output::say(&sentence(finding)))?;
-    tracing::info!("next: {}", next_command(&args.output, &data));
+    let has_drift = findings.iter().any(|finding| finding.kind == EXPOSURE);
+    tracing::info!("next: {}", next_command(&args.output, &data, has_drift));
     Ok(())
 }
 
-/// Training of the data set, with materials.
-fn next_command(folder: &Path, data: &Dataset) -> String {
+/// Kind of the finding of pictures with different exposures.
+pub(crate) const EXPOSURE: &str = "exposure";
+
+/// Training of the data set, with materials, and exposures where they differ.
+fn next_command(folder: &Path, data: &Dataset, has_drift: bool) -> String {
     let model = Path::new("out").join(output::stem(folder));
     let [folder, model] = [folder, &model].map(Path::to_string_lossy);
     let words = ["specula", "train", &folder, "-m", &model, "--preset", "photos", "--eval"];
-    command_text(words.into_iter().chain(material_options(data).iter().copied()))
+    let exposure = has_drift.then_some("--exposure");
+    command_text(words.into_iter().chain(material_options(data).iter().copied()).chain(exposure))
 }
 
 /// Options of a training with materials: those of objects that masks or alpha cut out of all
@@ -158,9 +163,13 @@ mod tests {
         let objects = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/demo");
         let mut data = progress::silently(|| dataset::load(&objects, &LoadOptions::default())).unwrap();
         let folder = Path::new("my data");
-        assert_eq!(next_command(folder, &data), "specula train 'my data' -m 'out/my data' --preset photos --eval");
+        assert_eq!(
+            next_command(folder, &data, false),
+            "specula train 'my data' -m 'out/my data' --preset photos --eval"
+        );
         data.train[0].rgba.iter_mut().skip(3).step_by(4).for_each(|alpha| *alpha = u8::MAX);
-        let next = next_command(folder, &data);
+        let next = next_command(folder, &data, false);
         assert!(next.ends_with("--preset photos --eval --relightable --foreground auto"), "{next}");
+        assert!(next_command(folder, &data, true).ends_with("--foreground auto --exposure"));
     }
 }

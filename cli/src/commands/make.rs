@@ -33,6 +33,8 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     let folder = |name: &str| args.output.join(name);
     let (data, model) = (folder("data"), folder("model"));
     args.env.iter().try_for_each(|map| read_env(map, 0.0).map(drop))?;
+    let line = capture_line(args, &data);
+    tracing::info!("{line}");
     let outcome = capture::capture(&args.inputs, &data, &args.capture)?;
     if 2 * outcome.registered < outcome.pictures {
         let Outcome { registered, pictures, .. } = outcome;
@@ -43,13 +45,13 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
         )));
     }
     let mut commands = Commands::new(&args.output);
-    commands.lines.push(capture_line(args, &data));
+    commands.lines.push(line);
     if outcome.has_other_masks {
         commands.set_aside(&args.output)?;
     }
     let loaded = progress::silently(|| dataset::load(&data, &LoadOptions::default()))?;
     let mut findings = capture::findings(&data, &loaded)?;
-    let mut drift = findings.iter_mut().find(|finding| finding.kind == "exposure");
+    let mut drift = findings.iter_mut().find(|finding| finding.kind == capture::EXPOSURE);
     if let Some(drift) = &mut drift {
         drift.remedy = "the training fits the colours of each (--exposure); lock exposure and white balance next time";
     }
