@@ -138,8 +138,9 @@ fn with_materials(profile: Profile, args: &Train, is_object: bool) -> Result<Pro
     }
     let profile = profile.relightable();
     if profile.physical.is_none() {
+        let or = if profile.light.is_some() { ", or --light-per pixel" } else { "" };
         return Err(Failure::Input(format!(
-            "--relightable needs light per pixel, unlike --profile {name}; use --profile specula, or --light-per pixel"
+            "--relightable needs light per pixel, unlike --profile {name}; use --profile specula{or}"
         )));
     }
     Ok(profile)

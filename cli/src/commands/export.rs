@@ -11,7 +11,7 @@ use crate::{
     output, progress,
     scene::{self, background_of, note_oddities, refuse_options_without_light, relight},
 };
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use page::PageLight;
 use specula_core::{
     camera::Camera,
@@ -26,7 +26,7 @@ use specula_scene::{
     environment::radiance,
     export::{
         BakeMethod, ExportFormat, GaussianFormat, PlainGaussians, ReferencePictures, is_of_model, read_relightable,
-        visible,
+        up_comment, visible,
     },
     fusion::{self, Fused, MeshSize},
     number::group_digits,
@@ -56,6 +56,8 @@ const TRIANGLES: usize = 50_000;
 const TEXELS: u32 = 2048;
 /// Degree of baked harmonics by default.
 const DEGREE: u8 = 3;
+/// Angle in degrees between up and the direction that viewers assume, from which it is told.
+const TILT_MIN: f64 = 10.0;
 
 /// Writes the requested files.
 pub(crate) fn run(args: &Export) -> Result<(), Failure> {
@@ -261,6 +263,12 @@ impl Exporter<'_> {
         self.placement.as_ref().map(|(orientation, first)| Upright::new(orientation, first.as_ref(), axes))
     }
 
+    /// Angle in degrees between the scene's up direction and the one that viewers assume.
+    fn tilt(&self, axes: AxisConvention) -> f64 {
+        let assumed = if axes == AxisConvention::YUp { DVec3::Y } else { DVec3::NEG_Y };
+        DVec3::from(self.up.up).angle_between(assumed).to_degrees()
+    }
+
     /// Transform of a file of another program into the axes of another format: viewers assume y down
     /// in some, and up in others.
     fn exchanged(&self, axes: AxisConvention) -> Option<Upright> {
@@ -316,12 +324,17 @@ impl Exporter<'_> {
         let placement = if format.has_node() { Some(self.node(format.axes())) } else { placed };
         // Some loaders reject comments. Upright files need none: viewers assume their axes.
         let provenance = placed.is_none().then(|| PlainGaussians::provenance(self.scene(), self.method()));
-        let comments: Vec<String> = provenance.into_iter().chain(self.origin()).collect();
+        let up = provenance.is_some().then(|| up_comment(self.up.up));
+        let comments: Vec<String> = provenance.into_iter().chain(self.origin()).chain(up).collect();
         let stored = plain.write(path, format, self.scene(), placement.as_ref(), &comments)?;
         let mut losses = plain.losses(self.scene(), format, self.method());
         if self.placement.is_none() && placed.is_some() {
             let up = if format.axes() == AxisConvention::YUp { '+' } else { '-' };
             losses = format!("{losses}; turned to {up}y up, as viewers of the format assume");
+        }
+        let tilt = if placement.is_some() { 0.0 } else { self.tilt(format.axes()) };
+        if tilt > TILT_MIN {
+            losses = format!("{losses}; tilted by {tilt:.0}° in viewers of the format, --upright corrects it");
         }
         if let Some(references) = references {
             let work = progress::work("comparing", references.count() as u64);

@@ -127,7 +127,8 @@ impl CameraSet {
             None if choice.split.is_some() => Err(SceneError::NoCameras),
             count => {
                 let orientation = opened.orientation(choice.up)?;
-                let cameras = turntable(&orientation, known, count.unwrap_or(DEFAULT_COUNT), choice.size);
+                let kept = opened.crop.is_some().then_some(&opened.scene.gaussians);
+                let cameras = turntable(&orientation, known, count.unwrap_or(DEFAULT_COUNT), choice.size, kept);
                 Ok(Self { is_turntable: true, ..Self::other("turntable", cameras, opened) })
             }
         }

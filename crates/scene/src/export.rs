@@ -40,7 +40,7 @@ use crate::{
     plain::{opacity, subset, unfiltered},
     upright::{AxisConvention, Upright},
 };
-use glam::Vec4;
+use glam::{DVec3, Vec4};
 use serde_json::json;
 use specula_core::{
     antialias::LowPass,
@@ -434,6 +434,26 @@ fn normalise(gaussians: &mut Gaussians<Vec<f32>>) {
             gaussians.set(index, QUAT, unit.to_array());
         }
     }
+}
+
+/// Start of the comment that names the up direction of a file.
+const UP_COMMENT: &str = "up ";
+
+/// Comment of a PLY file that names its up direction.
+pub fn up_comment(up: [f64; 3]) -> String {
+    let [x, y, z] = up;
+    format!("{UP_COMMENT}{x:.6} {y:.6} {z:.6}")
+}
+
+/// Up direction that the comments of a PLY file name.
+pub(crate) fn up_of_comments(comments: &[String]) -> Option<[f64; 3]> {
+    let numbers = |comment: &String| -> Option<[f64; 3]> {
+        let words = comment.strip_prefix(UP_COMMENT)?.split_ascii_whitespace();
+        let numbers: Vec<f64> = words.map_while(|word| word.parse().ok()).collect();
+        let up = DVec3::from(<[f64; 3]>::try_from(numbers).ok()?);
+        up.try_normalize().map(|up| up.to_array())
+    };
+    comments.iter().find_map(numbers)
 }
 
 /// End of the comment of upright files by earlier versions.

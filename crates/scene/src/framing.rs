@@ -14,7 +14,7 @@ pub(crate) fn framing(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
 
 /// Centre of the box of the means, and the 0.95 quantile of their distances from it; 1 if that is
 /// 0. The box leaves out a twentieth of the means on each side.
-fn extent(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
+pub(crate) fn extent(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
     const SHARE: f32 = 0.95;
     let middle = |plane: usize| {
         let [low, high] = [1.0 - SHARE, SHARE].map(|share| quantile(gaussians.plane(plane).collect(), share));

@@ -4,7 +4,7 @@ use crate::{
     Scene, SceneError, ShadingModel, Surface,
     camera_set::keep_light_still,
     crop::{Crop, Objects, Support},
-    export::UPRIGHT_COMMENT,
+    export::{UPRIGHT_COMMENT, up_of_comments},
     foreground::Foreground,
     import::{Imported, scene_of_glb},
     orbit::{self, near_plane, turntable},
@@ -89,11 +89,10 @@ impl OpenedModel {
         let is_y_down = model.comments.iter().any(|comment| comment.ends_with(UPRIGHT_COMMENT));
         // Files of other programs have the axes that viewers assume.
         let is_foreign = model.info.is_none() && !model.comments.iter().any(|comment| comment.contains("specula"));
-        let up_of_file = (is_y_down || is_foreign).then(|| Orientation {
-            up: if is_y_down { [0.0, -1.0, 0.0] } else { assumed_up(path) },
-            up_source: if is_y_down { UpSource::File } else { UpSource::Nothing },
-            ..of_gaussians(&gaussians)
-        });
+        let named = is_y_down.then_some([0.0, -1.0, 0.0]).or_else(|| up_of_comments(&model.comments));
+        let known = named.map(|up| (up, UpSource::File));
+        let known = known.or_else(|| is_foreign.then(|| (assumed_up(path), UpSource::Nothing)));
+        let up_of_file = known.map(|(up, up_source)| Orientation { up, up_source, ..of_gaussians(&gaussians) });
         Self {
             scene: Scene {
                 gaussians,
@@ -271,7 +270,7 @@ impl OpenedModel {
         if !cameras.is_empty() {
             return Ok(cameras);
         }
-        let mut cameras = turntable(&self.orientation(None)?, &[], orbit::DEFAULT_COUNT, None);
+        let mut cameras = turntable(&self.orientation(None)?, &[], orbit::DEFAULT_COUNT, None, None);
         let near = near_plane(&cameras);
         cameras.iter_mut().for_each(|(_, camera)| camera.near = near);
         Ok(cameras)

@@ -1,7 +1,7 @@
 //! Cameras around a scene: turntables, spheres, and the first view of a viewer.
 
 use crate::{
-    framing::{FIELD_OF_VIEW_RAD, framing},
+    framing::{FIELD_OF_VIEW_RAD, extent, framing},
     orientation::{centre, is_upright, up},
 };
 use core::f32::consts::{FRAC_PI_2, TAU};
@@ -26,14 +26,19 @@ pub(crate) const DEFAULT_COUNT: u32 = 8;
 /// and forth along the covered arc.
 ///
 /// `size` is the width and height of pictures, in pixels. Intrinsics and near plane are those of
-/// the first known camera if there is one, for any `size`.
+/// the first known camera if there is one, for any `size`. With `framed`, such as what a crop
+/// keeps, the circle is around these Gaussians, which fill the pictures.
 pub fn turntable(
     orientation: &Orientation,
     known: &[NamedCamera],
     count: u32,
     size: Option<[u32; 2]>,
+    framed: Option<&Gaussians<Vec<f32>>>,
 ) -> Vec<NamedCamera> {
-    let orbit = Orbit::new(orientation, known);
+    let mut orbit = Orbit::new(orientation, known);
+    if let Some(gaussians) = framed.filter(|gaussians| gaussians.count > 0) {
+        orbit.frame(gaussians, known.first().map(|(_, camera)| camera));
+    }
     let like = known.first().map(|(_, camera)| *camera);
     let camera_at = |index: u32| {
         let azimuth = orbit.azimuth_at(index as f32 / count as f32);
@@ -157,6 +162,17 @@ impl Orbit {
         Self { arc: Arc::of(known.iter().filter_map(|(_, camera)| orbit.azimuth_of(camera)).collect()), ..orbit }
     }
 
+    /// Moves the circle around Gaussians, at the distance from which a camera sees all of them.
+    fn frame(&mut self, gaussians: &Gaussians<Vec<f32>>, like: Option<&Camera>) {
+        const MARGIN: f32 = 1.15;
+        let (centre, radius) = extent(gaussians);
+        let half_angle = like.map_or(0.5 * FIELD_OF_VIEW_RAD, |camera| {
+            let edges = [(camera.width, camera.focal_px[0]), (camera.height, camera.focal_px[1])];
+            edges.map(|(edge, focal)| (0.5 * edge as f32 / focal).atan()).into_iter().fold(f32::INFINITY, f32::min)
+        });
+        (self.centre, self.distance) = (centre, MARGIN * radius / half_angle.sin());
+    }
+
     /// Azimuth in radians of a camera near the circle's elevation and outside of the circle; `None`
     /// for others, which do not resemble views from the circle.
     fn azimuth_of(&self, camera: &Camera) -> Option<f32> {
@@ -261,7 +277,7 @@ mod tests {
                 forward.distance(known[0].1.camera_from_world.row(2)) < 1e-6,
                 "the view direction is that of the first camera"
             );
-            let cameras = turntable(&orientation, &known, 8, None);
+            let cameras = turntable(&orientation, &known, 8, None, None);
             assert!(cameras.iter().all(|(_, camera)| camera.camera_from_world.row(0).z.abs() < 1e-6));
             assert!(around.centre.length() < 1e-5 && (cameras[0].1.position.length() - 20.0_f32.sqrt()).abs() < 1e-4);
         }
@@ -285,7 +301,7 @@ mod tests {
             side.into_iter().chain(others.map(|camera| ("other".to_owned(), camera))).collect();
         let angles = |known: &[NamedCamera]| {
             let orientation = estimate(known.iter().map(|(_, camera)| camera), &[]).unwrap();
-            let cameras = turntable(&orientation, known, 12, None);
+            let cameras = turntable(&orientation, known, 12, None, None);
             let angle = |camera: &Camera| camera.position.y.atan2(camera.position.x).rem_euclid(TAU);
             cameras.iter().map(|(_, camera)| angle(camera)).collect::<Vec<f32>>()
         };

@@ -74,7 +74,8 @@ impl Orbit {
         let known: Vec<NamedCamera> = known.collect();
         let found = orientation::estimate(known.iter().map(|(_, camera)| camera), &[]);
         let orientation = found.unwrap_or_else(|| orientation::of_gaussians(&scene.gaussians));
-        let cameras = turntable(&orientation, &known, FRAMES, None).into_iter().map(|(_, camera)| camera).collect();
+        let cameras =
+            turntable(&orientation, &known, FRAMES, None, None).into_iter().map(|(_, camera)| camera).collect();
         Self { up: orientation::up(&orientation), cameras }
     }
 }
