@@ -1,6 +1,6 @@
 //! Data sets, loaded with progress and notes.
 
-use crate::{failure::Failure, progress};
+use crate::{failure::Failure, output, progress};
 use specula_io::{
     Error,
     dataset::LoadOptions,
@@ -117,6 +117,13 @@ pub(crate) fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
         }
         Misplaced::CamerasOf { program, remedy } => {
             format!("{folder:?} has cameras of {program}, which are not supported; {remedy}")
+        }
+        Misplaced::Pictures { .. } | Misplaced::Video(_) if is_model_wanted => {
+            let name = shown(folder);
+            format!(
+                "{folder:?} is not a model; make one of its pictures: specula make {name} -o out/{}",
+                output::stem(folder)
+            )
         }
         Misplaced::Pictures { count, folder: pictures, unread: Some(ending) } => format!(
             "{pictures:?} has {} in .{ending}, which specula does not read, and {folder:?} has no cameras; convert \

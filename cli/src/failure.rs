@@ -200,6 +200,7 @@ fn advice_on(word: &str) -> String {
         _ if included::light(word).is_some() => "; a light follows --env, one at a time".into(),
         "--quick" => "; only make has it: --minutes trains for a time".into(),
         "--iteration" => "; render and others open the folder of an iteration, MODEL/point_cloud/iteration_7000".into(),
+        "-m" | "--model-path" => "; only train has it, others take the model without -m".into(),
         _ if word.parse::<f64>().is_ok_and(|number| number >= 0.0) => {
             "; several numbers of an option are joined by commas, as in 640,480".into()
         }

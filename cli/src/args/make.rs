@@ -25,8 +25,9 @@ pub(crate) struct Make {
     /// Output folder.
     #[arg(long, short, value_name = "OUT")]
     pub(crate) output: PathBuf,
-    /// A first look: 2000 iterations on pictures of about 400 pixels along an edge.
-    #[arg(long, conflicts_with = "best")]
+    /// A first look: 2000 iterations on pictures of about 400 pixels along an edge, with --best
+    /// from its cameras.
+    #[arg(long)]
     pub(crate) quick: bool,
     /// Environment map of each turntable, as relight --env.
     #[arg(long, value_name = "FILE|NAME", num_args = 1.., default_values = ["sunset", "forest"])]

@@ -130,7 +130,7 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         ));
     }
     let page = if has_page { Some(PageLight::new(args, opened.scene.clone(), lights.clone())?) } else { None };
-    if has_page && args.page_env.is_empty() && opened.scene.gaussians.layout.is_physical {
+    if has_page && args.env.is_none() && args.page_env.is_empty() && opened.scene.gaussians.layout.is_physical {
         tracing::info!("the page offers no other lights; --page-env sunset forest adds some to choose from");
     }
     if let Some(env) = args.env.as_ref().filter(|_| !formats.iter().all(is_page)) {

@@ -47,7 +47,7 @@ fn unusable_inputs_end_in_a_sentence_with_a_remedy() {
     for name in ["a.png", "b.png", "c.png"] {
         RgbImage::new(64, 48).save(copies.join(name)).unwrap();
     }
-    refuses(&["capture", "copies", "-o", "f"], &["different pictures: 1", "50 to 150"], &folder);
+    refuses(&["capture", "copies", "-o", "f"], &["too few different pictures for cameras, 1", "50 to 150"], &folder);
 }
 
 /// Whether COLMAP is installed; says so if it is not.

@@ -208,7 +208,7 @@ fn gap(evidence: &Evidence<'_>) -> Option<Finding> {
     let widest = gaps.fold(first + 360.0 - last, f64::max);
     (azimuths.len() >= 3 && widest > GAP_MAX).then(|| Finding {
         kind: "coverage",
-        cause: format!("no picture was taken from {widest:.0}° of the circle around the object"),
+        cause: format!("{widest:.0}° of the circle around the object were not photographed"),
         remedy: "add pictures from there, or expect nothing behind it: turntables go back and forth in front of it",
     })
 }

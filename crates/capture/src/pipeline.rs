@@ -152,6 +152,11 @@ const fn all_pairs(pictures: usize) -> usize {
 impl Run<'_> {
     fn all(&mut self, inputs: &[Input]) -> Result<Outcome> {
         let has_other_masks = self.change_masks()?;
+        if self.options.is_best && !self.record.request.is_best {
+            self.forget_attempts();
+            self.record.request.is_best = true;
+            self.record.save()?;
+        }
         let first = Quality { size: 1600, features: 4096, lens: self.options.lens.clone() };
         let best = Quality { size: 2400, features: 8192, ..first.clone() };
         let is_best = self.options.is_best;
@@ -218,16 +223,19 @@ impl Run<'_> {
         let masks = if names.is_empty() { None } else { self.masks(&names)? };
         let is_within = masks.is_some_and(|masks| masks::surroundings_stand_still(&self.images, &masks, &names));
         if self.record.attempts.first().is_none_or(|attempt| attempt.is_masked != is_within) {
-            self.record.attempts.clear();
-            self.record.used_attempt = None;
-            self.record.done.retain(|step| step == "masks");
-            for number in 1..=2 {
-                let _ = fs::remove_file(self.database(number));
-            }
+            self.forget_attempts();
         }
         (self.record.request.masks, self.record.request.mask_with) = asked;
         self.record.save()?;
         Ok(!names.is_empty())
+    }
+
+    /// Forgets the reconstructions, with their features and matches.
+    fn forget_attempts(&mut self) {
+        self.record.forget_attempts();
+        for number in 1..=2 {
+            let _ = fs::remove_file(self.database(number));
+        }
     }
 
     /// Database of an attempt.
@@ -306,8 +314,7 @@ impl Run<'_> {
         let names = self.distinct(names)?;
         if names.len() < PICTURES_MIN {
             return Err(Error::Input(format!(
-                "different pictures: {}, which is too few for cameras; take 50 to 150 around the object, or a video of 20 to \
-                 60 seconds",
+                "too few different pictures for cameras, {}; take 50 to 150 around the object, or a video of 20 to 60 seconds",
                 names.len()
             )));
         }

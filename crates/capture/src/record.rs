@@ -97,15 +97,15 @@ impl Request {
         self.masks.is_some() || self.mask_with.is_some()
     }
 
-    /// The request without its masks, which may be added to a capture.
-    fn unmasked(&self) -> Self {
-        Self { masks: None, mask_with: None, ..self.clone() }
+    /// The request without its masks and quality, which may be added to a capture.
+    fn basis(&self) -> Self {
+        Self { masks: None, mask_with: None, is_best: false, ..self.clone() }
     }
 }
 
 impl Record {
     /// Reads the record of a data set, or begins one: also where another request took no picture
-    /// yet. That of a request with other masks keeps them.
+    /// yet. That of a request with other masks, or another quality, keeps them.
     ///
     /// # Errors
     ///
@@ -125,7 +125,7 @@ impl Record {
             return Ok(Self { request: request.clone(), path, ..Self::default() });
         }
         let loses_masks = found.request != *request && !request.has_masks() && found.request.has_masks();
-        if loses_masks || found.request.unmasked() != request.unmasked() {
+        if loses_masks || found.request.basis() != request.basis() {
             return Err(Error::Input(format!(
                 "{folder:?} has a capture of {:?} with other options or inputs; use another folder with -o, or remove it",
                 found.request.inputs
@@ -142,6 +142,13 @@ impl Record {
 
     pub(crate) fn is_done(&self, step: &str) -> bool {
         self.done.iter().any(|done| done == step)
+    }
+
+    /// Forgets the reconstructions, but not the pictures and masks.
+    pub(crate) fn forget_attempts(&mut self) {
+        self.attempts.clear();
+        self.used_attempt = None;
+        self.done.retain(|step| step == "masks");
     }
 
     /// Records a finished step.

@@ -125,7 +125,7 @@ pub(crate) fn list(files: &Files, model: &Model, options: &LoadOptions) -> Resul
     listing.notes.splice(0..0, notes);
     let kinds: BTreeSet<&str> = cameras.values().flatten().map(|camera| camera.model.name).collect();
     listing.source = format!(
-        "COLMAP's model in {:?} ({}; {} cameras, {})",
+        "COLMAP's model in {:?} ({}; cameras: {}, {})",
         model.folder,
         model.format(),
         cameras.len(),

@@ -225,6 +225,7 @@ mod tests {
     use super::*;
     use crate::orientation::estimate;
     use glam::Mat3;
+    use specula_core::scene::{Layout, MEAN, len_of_values};
 
     /// Cameras in a circle, most pictures or some of them turned by 90°.
     fn circle(rolled: usize) -> Vec<NamedCamera> {
@@ -260,6 +261,27 @@ mod tests {
         // A photograph of 1000 x 667 pixels made half as large.
         let photograph = Camera { width: 1000, height: 667, ..view };
         assert_eq!(photograph.framed(500, 333), photograph.resized(500, 333), "rounded, not another shape");
+    }
+
+    #[test]
+    fn a_turntable_frames_what_is_kept() {
+        let middle = Vec3::new(1.0, 2.0, 0.5);
+        let layout = Layout::radiance(0);
+        let mut gaussians = Gaussians { count: 200, layout, values: vec![0.0; len_of_values(200, layout)] };
+        for (index, direction) in directions(200).enumerate() {
+            gaussians.set(index, MEAN, (middle + 0.2 * Vec3::from(direction.map(|x| x as f32))).to_array());
+        }
+        let known = circle(0);
+        let orientation = estimate(known.iter().map(|(_, camera)| camera), &[]).expect("there are cameras");
+        for (_, camera) in turntable(&orientation, &known, 6, None, Some(&gaussians)) {
+            let places = (0..200).map(|index| {
+                let place = camera.camera_from_world * (Vec3::from(gaussians.get::<3>(index, MEAN)) - camera.position);
+                camera.principal_px[1] + camera.focal_px[1] * place.y / place.z
+            });
+            let (top, bottom) = places.fold((f32::MAX, f32::MIN), |(top, bottom), y| (top.min(y), bottom.max(y)));
+            let height = camera.height as f32;
+            assert!(top > 0.0 && bottom < height && bottom - top > 0.7 * height, "{top} to {bottom} of {height}");
+        }
     }
 
     #[test]
