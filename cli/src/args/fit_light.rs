@@ -20,9 +20,9 @@ const STEPS: u32 = 900;
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
-  specula fit-light out/vase data/evening -o evening.exr
-  specula fit-light out/vase data/vase --lights-by data/vase/lights.txt --light evening --fit 5 -o evening.exr
-  specula relight out/vase --env evening.exr")]
+  specula fit-light out/spheres data/evening -o evening.exr
+  specula fit-light out/spheres data/spheres --lights-by lights.txt --light evening --fit 5 -o evening.exr
+  specula relight out/spheres --env evening.exr")]
 pub(crate) struct FitLight {
     /// Model with physical materials: folder, .ply or .glb file.
     #[arg(value_name = "SCENE")]

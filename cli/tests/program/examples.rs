@@ -31,9 +31,11 @@ fn folder() -> Tiny {
     for name in ["chair-3dgs", "chair-specula", "plain"] {
         model(train(&tiny, &format!("out/{name}")));
     }
-    for name in ["chair", "toaster", "drums", "spheres"] {
+    for name in ["chair", "toaster", "drums", "spheres", "evening"] {
         copy(&tiny, name);
     }
+    let pictures = (0..8).map(|k| format!("train/r_{k} evening\n")).chain((0..3).map(|k| format!("test/r_{k} noon\n")));
+    fs::write(tiny.path("lights.txt"), pictures.collect::<String>()).unwrap();
     write_photographs(&tiny.path("data/garden"));
     let garden = ["-m", "out/garden", "--profile", "3dgs", "--iterations", "20", "--quiet"];
     specula().current_dir(tiny.path("")).args(["train", "data/garden"]).args(garden).assert().success();
@@ -112,6 +114,9 @@ fn shortened(example: &str) -> String {
     if is_new_training {
         let (first, rest) = line.split_at(line.find(" -m").or(line.find(" -o")).unwrap());
         line = format!("{first}{iterations}{points}{rest}");
+    }
+    if line.starts_with("specula fit-light") {
+        line += " --iterations 20";
     }
     if is_server(&line) && !line.contains("--listen") {
         line += if line.starts_with("specula view") { " --listen 127.0.0.1:0" } else { "=127.0.0.1:0" };

@@ -435,7 +435,7 @@ fn every_reader_tells_what_it_does_not_use() {
     let named = ["images/a.png", "images/b.png"];
     for (folder, cameras) in [
         (colmap(true), "text; cameras: 1, PINHOLE"),
-        (colmap(false), "binary; 1 cameras, PINHOLE"),
+        (colmap(false), "binary; cameras: 1, PINHOLE"),
         (data_set("transforms.json", &named, &named, json!({})), "transforms.json\" (PINHOLE)"),
         (data_set("transforms_train.json", &named, &named, json!({ "k1": 0.1 })), "transforms_train.json\" (OPENCV)"),
     ] {
