@@ -10,10 +10,10 @@ const STEPS: u32 = 900;
 
 /// Find the light of photographs of a trained object, to show it, or others, under that light.
 ///
-/// Geometry and materials of MODEL are held, and a light is fitted to the photographs of DATASET,
-/// which have cameras in the world of the model: those of the training, or others that were
-/// estimated together with them. One to five photographs from different sides are enough. The light
-/// is written as a lat-long map with the scene's up at its upper edge, for relight --env and others.
+/// Geometry and materials of SCENE are held, and a light is fitted to the photographs of DATASET,
+/// which have cameras in the world of the scene: those of the training, or others that were
+/// estimated together with them. Three to five photographs from different sides are enough. The
+/// light is written as a lat-long map with the scene's up at its upper edge, for relight --env.
 ///
 /// With --fit N it is fitted to N photographs, and the others are measured under it. As they are
 /// under a light that the training has not seen, this measures relighting on photographs.

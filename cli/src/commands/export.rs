@@ -269,8 +269,8 @@ impl Exporter<'_> {
         DVec3::from(self.up.up).angle_between(assumed).to_degrees()
     }
 
-    /// Transform of a file of another program into the axes of another format: viewers assume y down
-    /// in some, and up in others.
+    /// Transform of a file of another program into the axes of another format: viewers assume y
+    /// down in some, and up in others.
     fn exchanged(&self, axes: AxisConvention) -> Option<Upright> {
         let own = match self.up.up {
             [0.0, 1.0, 0.0] => AxisConvention::YUp,

@@ -1,5 +1,5 @@
-//! Fit of a light to pictures of a scene whose geometry and materials are known: a training in which
-//! only the light moves.
+//! Fit of a light to pictures of a scene whose geometry and materials are known: a training in
+//! which only the light moves.
 
 use crate::{
     initial_state::initial_state,
