@@ -284,8 +284,9 @@ fn light_pictures(args: &Train, profile: &Profile, data: &mut Capture) -> Result
         (None, _) => "--light-follows",
         (Some(_), _) => "--lights-by",
     };
-    if profile.light.is_none() {
-        return Err(Failure::Input(format!("--profile {} has no light; omit {source}", profile.name)));
+    let no_light = || Failure::Input(format!("--profile {} has no light; omit {source}", profile.name));
+    if profile.light.is_none() && data.left_out.is_empty() {
+        return Err(no_light());
     }
     if data.lists_lights() && (lights_by.is_some() || *follows != LightFollows::Scene) {
         tracing::warn!("{source} replaces the lights that the data set names");
@@ -295,6 +296,10 @@ fn light_pictures(args: &Train, profile: &Profile, data: &mut Capture) -> Result
         (Some(path), _) => data.light_by_table(&LightTable::read(path)?)?,
         (None, LightFollows::Scene) => data.light_by_list()?,
         (None, _) => data.follow(*follows),
+    }
+    // A table of one light may only leave pictures out.
+    if profile.light.is_none() && (data.light_names.len() > 1 || data.has_turned_lights()) {
+        return Err(no_light());
     }
     if data.has_turned_lights() && !data.holds_objects() && data.masks() == 0 {
         if *follows != LightFollows::Camera {

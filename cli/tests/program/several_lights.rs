@@ -258,6 +258,11 @@ fn pictures_are_left_out_and_their_light_is_fitted_to_the_model() {
     let views = serde_json::from_str::<Value>(&eval).unwrap()["views"].as_array().unwrap().len();
     assert_eq!(views, 7, "those of the training and those held out");
 
+    let mut plain = train(&tiny, "plain", Some(&without));
+    plain.args(["--profile", "3dgs"]).assert().success();
+    let info = json_of(&tiny.path("plain/specula.json"));
+    assert_eq!(info["train_views"], 4, "plain Gaussians, too");
+
     let all = table(&tiny);
     let fit = |light: &str, out: &str, words: &[&str]| {
         let mut fit = specula();
@@ -287,7 +292,6 @@ fn pictures_are_left_out_and_their_light_is_fitted_to_the_model() {
         assert!(parts.iter().all(|part| said.contains(part)), "{said}");
         assert!(!tiny.path(out).exists());
     }
-    crate::tiny::train_plain(&tiny, "plain").assert().success();
     let mut plain = specula();
     plain.arg("fit-light").arg(tiny.path("plain")).arg(tiny.data()).arg("-o").arg(tiny.path("x.exr"));
     assert!(stderr(&mut plain, 2).contains("--relightable"));
