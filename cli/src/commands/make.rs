@@ -37,10 +37,10 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     tracing::info!("{line}");
     let outcome = capture::capture(&args.inputs, &data, &args.capture)?;
     if 2 * outcome.registered < outcome.pictures {
-        let Outcome { registered, pictures, .. } = outcome;
+        let Outcome { registered, pictures, connected, .. } = outcome;
         return Err(Failure::Input(format!(
-            "only {registered} of {pictures} pictures have cameras, too few for a scene; take pictures that overlap by two \
-             thirds, or train on these: {}",
+            "only {registered} of {pictures} pictures have cameras, too few for a scene, though {connected} match others: too \
+             little of each is in the next; take more pictures in between, or train on these: {}",
             command_text(["specula", "train", &text(&data), "-m", &text(&model)])
         )));
     }

@@ -65,6 +65,8 @@ pub struct Outcome {
     pub pictures: usize,
     /// Number of pictures with a camera.
     pub registered: usize,
+    /// Number of pictures that match others.
+    pub connected: usize,
     /// Whether the masks replace other ones, or none, of an earlier call.
     pub has_other_masks: bool,
 }
@@ -170,7 +172,12 @@ impl Run<'_> {
         }
         let attempts = self.record.attempts.iter().enumerate();
         let (index, attempt) = attempts.rev().max_by_key(|(_, attempt)| attempt.registered()).expect("there is one");
-        let outcome = Outcome { pictures: attempt.pictures, registered: attempt.registered(), has_other_masks };
+        let outcome = Outcome {
+            pictures: attempt.pictures,
+            registered: attempt.registered(),
+            connected: attempt.connected as usize,
+            has_other_masks,
+        };
         let Some(model) = attempt.largest.clone() else {
             return Err(Error::NoCameras(diagnosis::of_failure(attempt.pictures, attempt.connected)));
         };
