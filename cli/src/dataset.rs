@@ -118,13 +118,13 @@ pub(crate) fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
         Misplaced::CamerasOf { program, remedy } => {
             format!("{folder:?} has cameras of {program}, which are not supported; {remedy}")
         }
-        Misplaced::Pictures { .. } | Misplaced::Video(_) if is_model_wanted => {
-            let name = shown(folder);
-            format!(
-                "{folder:?} is not a model; make one of its pictures: specula make {name} -o out/{}",
-                output::stem(folder)
-            )
-        }
+        Misplaced::Pictures { count, .. } if is_model_wanted => format!(
+            "{folder:?} has {}, but is not a model; specula make {name} -o out/{} makes one, specula capture {name} -o data a \
+             data set",
+            counted(count, "picture"),
+            output::stem(folder),
+            name = shown(folder)
+        ),
         Misplaced::Pictures { count, folder: pictures, unread: Some(ending) } => format!(
             "{pictures:?} has {} in .{ending}, which specula does not read, and {folder:?} has no cameras; convert \
              them to JPEG, such as with magick mogrify -format jpg {}, and estimate their cameras with specula capture",

@@ -21,7 +21,7 @@ const STEPS: u32 = 900;
 #[command(after_help = "\
 Examples:
   specula fit-light out/spheres data/evening -o evening.exr
-  specula fit-light out/spheres data/spheres --lights-by lights.txt --light evening --fit 5 -o evening.exr
+  specula fit-light out/spheres data/spheres --lights-by days.txt --light dusk --fit 5 -o dusk.exr
   specula relight out/spheres --env evening.exr")]
 pub(crate) struct FitLight {
     /// Model with physical materials: folder, .ply or .glb file.

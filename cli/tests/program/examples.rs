@@ -34,8 +34,8 @@ fn folder() -> Tiny {
     for name in ["chair", "toaster", "drums", "spheres", "evening"] {
         copy(&tiny, name);
     }
-    let pictures = (0..8).map(|k| format!("train/r_{k} evening\n")).chain((0..3).map(|k| format!("test/r_{k} noon\n")));
-    fs::write(tiny.path("lights.txt"), pictures.collect::<String>()).unwrap();
+    let pictures = (0..8).map(|k| format!("train/r_{k} dusk\n")).chain((0..3).map(|k| format!("test/r_{k} noon\n")));
+    fs::write(tiny.path("days.txt"), pictures.collect::<String>()).unwrap();
     write_photographs(&tiny.path("data/garden"));
     let garden = ["-m", "out/garden", "--profile", "3dgs", "--iterations", "20", "--quiet"];
     specula().current_dir(tiny.path("")).args(["train", "data/garden"]).args(garden).assert().success();

@@ -149,7 +149,7 @@ fn a_light_is_behind_the_scene_where_that_is_asked_for() {
     let tiny = Tiny::new();
     let site = Site::of(&trained(&tiny), &["--quiet"]);
     assert_eq!(site.post("/light?name=sky.hdr", &sky(&tiny)).status, 200);
-    let shown = |words: &str| site.get(&format!("/frame?{POSE}&light=1{words}")).picture();
+    let shown = |words: &str| site.get(&format!("/frame?{POSE}&light=4{words}")).picture();
     // The edge of the picture is beside the scene.
     let corner = |picture: &RgbImage| picture.get_pixel(0, 0).0;
     let (plain, behind) = (shown(""), shown("&backdrop=env"));
@@ -257,8 +257,8 @@ fn clients_look_at_what_they_like_and_go_when_they_like() {
     let model = trained(&tiny);
     let site = Site::of(&model, &["--quiet"]);
     let added = site.post("/light?name=sky.hdr", &sky(&tiny)).json();
-    assert_eq!(added, json!({"id": 1, "name": "sky", "file": "sky.hdr", "up": "scene", "notes": []}));
-    let paths = ["", "&light=1", "&light=1&turn=90", "&light=1&stops=2", "&layer=normal"]
+    assert_eq!(added, json!({"id": 4, "name": "sky", "file": "sky.hdr", "up": "scene", "notes": []}));
+    let paths = ["", "&light=4", "&light=4&turn=90", "&light=4&stops=2", "&layer=normal"]
         .map(|more| format!("/frame?view=0&size=32,32{more}"));
     let alone: Vec<Vec<u8>> = paths.iter().map(|path| site.get(path).body).collect();
     for (index, picture) in alone.iter().enumerate() {
@@ -627,7 +627,7 @@ fn dragging_turns_it(page: &Page<'_>, first: &RgbImage) {
 
 fn dropping_a_light_changes_it(page: &Page<'_>, first: &RgbImage, sky: &[u8]) {
     page.eval(&dropped(sky, "sky.hdr"));
-    page.wait("document.getElementById('lights').value === '1'");
+    page.wait("document.getElementById('lights').value === '4'");
     let relit = shown(page);
     assert!(share_that_differs(first, &relit) > 0.02, "a light that is dropped lights the scene");
     for _ in 0..12 {
