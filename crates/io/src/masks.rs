@@ -71,8 +71,8 @@ pub(crate) fn assign(
             shot.mask = mask.filter(|mask| !pictures.contains(mask));
         }
         // Pictures without a camera are noted as such; their masks are as they should be.
-        let others =
-            files.paths.iter().filter(|path| is_picture(path) && !files.root.join(path).starts_with(&masks.folder));
+        let is_other = |path: &Path| !pictures.contains(path) && !path.starts_with(&masks.folder);
+        let others = files.paths.iter().filter(|path| is_picture(path) && is_other(&files.root.join(path)));
         let others = others.filter_map(|path| masks.of(path.strip_prefix(images).ok()?, true));
         let others: Vec<PathBuf> = others.collect();
         let used = shots.iter().filter_map(|(_, shot)| shot.mask.as_deref()).chain(others.iter().map(PathBuf::as_path));

@@ -171,7 +171,7 @@ fn text_and_binary_of_a_reconstruction_are_the_same() {
     [&text, &binary].into_iter().for_each(|folder| all_models.write_images(folder.path()));
     let [text, binary] = [load(text.path()).unwrap(), load(binary.path()).unwrap()];
     assert_eq!((&text.train, &text.test, &text.points), (&binary.train, &binary.test, &binary.points));
-    assert_says(&text.report.source, &["text", "10 cameras", "THIN_PRISM_FISHEYE"]);
+    assert_says(&text.report.source, &["text", "cameras: 10", "THIN_PRISM_FISHEYE"]);
     assert_says(&binary.report.source, &["binary"]);
     assert_says(&text.notes.join("\n"), &["distortion of 9 pictures"]);
 }

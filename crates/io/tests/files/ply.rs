@@ -377,7 +377,7 @@ fn files_of_known_kinds_are_named() {
         ("a.ksplat", &[0; 32], [".ksplat", "SuperSplat"]),
         ("a.sog", b"PK\x03\x04", [".sog", "SuperSplat"]),
         ("a.lcc", b"{}", [".lcc", "SuperSplat"]),
-        ("a.usdz", b"PK\x03\x04", ["USD", "SuperSplat"]),
+        ("a.usdz", b"PK\x03\x04", ["USD", "does not read"]),
         ("a.stl", b"solid", ["mesh", "trained"]),
         ("a", b"v 1 2 3\n", ["PLY", "ply"]),
         ("chkpnt30000.pth", b"PK\x03\x04", ["checkpoint", "point_cloud.ply"]),
