@@ -276,7 +276,7 @@ fn masks_and_pictures_without_each_other_are_told() {
     let images = folder.path().join("images");
     fs::copy(images.join("b/y.png"), images.join("z.png")).unwrap();
     write_mask(&folder, "masks/z.png");
-    assert_says(&remark(&load(&folder)), &["2 of 4 masks in", "1 pictures of", "without a camera"]);
+    assert_says(&remark(&load(&folder)), &["2 of 4 masks in", "\"frame_1.png\", \"x.png\""]);
     fs::remove_file(images.join("z.png")).unwrap();
     fs::remove_file(folder.path().join("masks/z.png")).unwrap();
     fs::remove_file(folder.path().join("masks/y.png")).unwrap();
