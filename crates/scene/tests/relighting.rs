@@ -301,18 +301,15 @@ fn correlation(light: &Environment<Vec<f32>>, truth: impl Fn(DVec3) -> DVec3) ->
 /// Gold mirrors the sky; slab and block see the rest of it.
 #[test]
 fn the_light_of_path_traced_pictures_is_found() {
-    const PICTURES: u32 = 6;
+    const PICTURES: u32 = 9;
     const STEPS: u32 = 120;
     let solids = solids(1.0);
     let mut scene = scene(&solids, COARSE_STEP);
-    let world = World::new(&solids, &sky, &[]);
-    let pictures = photographs(&world, PICTURES);
-    let fit = LightFit {
-        pictures: &pictures,
-        background: [WHITE as f32; 3],
-        iterations: STEPS,
-        executor: ExecutorChoice::Cpu,
-    };
+    let all = photographs(&World::new(&solids, &sky, &[]), PICTURES);
+    let (fitted, others): (Vec<_>, Vec<_>) = all.into_iter().enumerate().partition(|(index, _)| index % 4 > 0);
+    let [fitted, others] = [fitted, others].map(|part| part.into_iter().map(|(_, view)| view).collect::<Vec<View>>());
+    let fit =
+        LightFit { pictures: &fitted, background: [WHITE as f32; 3], iterations: STEPS, executor: ExecutorChoice::Cpu };
     let mut steps = Vec::new();
     let found = scene.fit_light(&fit, |step, _| {
         steps.push(step);
@@ -324,13 +321,26 @@ fn the_light_of_path_traced_pictures_is_found() {
     assert_eq!(stopped, None, "the caller stops it");
 
     let alike = correlation(&found, sky);
-    let up = latlong::from_cube(&radiance(&found), found.resolution, 256, 128, UpAxis::Z);
-    let truth = traced(&world, ALL);
-    let [with_found, with_true] = [up, map(sky)].map(|map| {
+    let map_of_found = latlong::from_cube(&radiance(&found), found.resolution, 256, 128, UpAxis::Z);
+    let truth: Vec<Vec<f64>> = others.iter().map(|view| numbers(&bytes_over_white(view))).collect();
+    let [with_found, with_true] = [map_of_found, map(sky)].map(|map| {
         scene.relight(&map, UpAxis::Z);
-        psnr(&truth, &rendered(&scene))
+        let mut renderer = scene.renderer(CpuExecutor::new(), Channels::Color).unwrap();
+        let picture = |view: &View| numbers(&renderer.picture(&view.camera, [WHITE as f32; 3]).unwrap());
+        psnr(&truth, &others.iter().map(picture).collect::<Vec<_>>())
     });
     println!("correlation {alike:.3}; {with_found:.2} dB under the found light, {with_true:.2} dB under the true one");
-    assert!(alike > 0.9, "{alike}");
-    assert!(with_found > with_true - 1.5, "{with_found} dB, {with_true} dB");
+    assert!(alike > 0.85, "{alike}");
+    assert!(with_found > with_true - 1.0, "{with_found} dB, {with_true} dB");
+}
+
+/// Bytes as numbers in \[0, 1\].
+fn numbers(bytes: &[u8]) -> Vec<f64> {
+    bytes.iter().map(|byte| f64::from(*byte) / 255.0).collect()
+}
+
+/// Picture of a view over white, in rows of pixels.
+fn bytes_over_white(view: &View) -> Vec<u8> {
+    let over = |color: u8, alpha: u8| 255 - ((255 - u32::from(color)) * u32::from(alpha) / 255) as u8;
+    view.rgba.as_chunks::<4>().0.iter().flat_map(|&[r, g, b, a]| [r, g, b].map(|color| over(color, a))).collect()
 }
