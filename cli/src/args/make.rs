@@ -25,8 +25,8 @@ pub(crate) struct Make {
     /// Output folder.
     #[arg(long, short, value_name = "OUT")]
     pub(crate) output: PathBuf,
-    /// A first look: 2000 iterations on pictures of about 400 pixels along an edge, with --best
-    /// from its cameras.
+    /// A first look: 2000 iterations on pictures of about 400 pixels along an edge; --best then
+    /// applies to the cameras only.
     #[arg(long)]
     pub(crate) quick: bool,
     /// Environment map of each turntable, as relight --env.

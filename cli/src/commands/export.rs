@@ -334,7 +334,7 @@ impl Exporter<'_> {
         }
         let tilt = if placement.is_some() { 0.0 } else { self.tilt(format.axes()) };
         if tilt > TILT_MIN {
-            losses = format!("{losses}; tilted by {tilt:.0}° in viewers of the format, --upright corrects it");
+            losses = format!("{losses}; tilted by {tilt:.0}° in viewers of the format (--upright corrects it)");
         }
         if let Some(references) = references {
             let work = progress::work("comparing", references.count() as u64);

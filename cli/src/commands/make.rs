@@ -39,8 +39,8 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     if 2 * outcome.registered < outcome.pictures {
         let Outcome { registered, pictures, connected, .. } = outcome;
         return Err(Failure::Input(format!(
-            "only {registered} of {pictures} pictures have cameras, too few for a scene, though {connected} match others: too \
-             little of each is in the next; take more pictures in between, or train on these: {}",
+            "only {registered} of {pictures} pictures have cameras, too few for a scene, though {connected} match others: \
+             neighbouring pictures share too little; take more in between, or train on these: {}",
             command_text(["specula", "train", &text(&data), "-m", &text(&model)])
         )));
     }

@@ -297,6 +297,6 @@ fn pictures_are_left_out_and_their_light_is_fitted_to_the_model() {
     let lacking = tiny.path("lacking.txt");
     fs::write(&lacking, "train/r_0 noon\ntrain/r_1 noon\n").unwrap();
     let said = stderr(&mut train(&tiny, "none", Some(&lacking)), 2);
-    assert!(said.contains("does not name 9 of the pictures") && said.contains("- for its light"), "{said}");
+    assert!(said.contains("does not name 9 of the pictures") && said.contains("the light - leaves"), "{said}");
     assert!(!said.contains("loading"), "before any picture is read: {said}");
 }

@@ -249,7 +249,7 @@ pub enum Error {
     AllMasked,
     /// A table of lights lacks pictures.
     #[error(
-        "{path:?} does not name {count} of the pictures: {names}; add a line for each, with - for its light to leave it out"
+        "{path:?} does not name {count} of the pictures: {names}; add a line for each; the light - leaves a picture out"
     )]
     Lightless {
         /// The table.
