@@ -56,7 +56,7 @@ const TRIANGLES: usize = 50_000;
 const TEXELS: u32 = 2048;
 /// Degree of baked harmonics by default.
 const DEGREE: u8 = 3;
-/// Angle in degrees between up and the direction that viewers assume, from which it is told.
+/// Smallest angle in degrees between up and the direction that viewers assume that is reported.
 const TILT_MIN: f64 = 10.0;
 
 /// Writes the requested files.
