@@ -20,6 +20,7 @@ use specula_scene::{
     light_file::{self, MapUp},
     light_fit::LightFit,
     number::counted,
+    orbit::evenly_spaced,
     orientation,
     text::shown,
 };
@@ -110,8 +111,7 @@ fn refuse_other_formats(args: &FitLight) -> Result<(), Failure> {
 
 /// Evenly spaced views, at most `count`, and all others.
 fn divided(views: Vec<View>, count: usize) -> (Vec<View>, Vec<View>) {
-    let (all, count) = (views.len(), count.min(views.len()).max(1));
-    let chosen: Vec<usize> = (0..count).map(|k| (2 * k + 1) * all / (2 * count)).collect();
+    let chosen = evenly_spaced(&(0..views.len()).collect::<Vec<_>>(), count);
     let (fitted, others): (Vec<_>, Vec<_>) =
         views.into_iter().enumerate().partition(|(index, _)| chosen.contains(index));
     let views = |numbered: Vec<(usize, View)>| numbered.into_iter().map(|(_, view)| view).collect();
