@@ -1,10 +1,12 @@
 //! specula fits, renders and relights scenes of 3D Gaussians that carry a shading function.
 //!
 //! This library is the program itself, for programs that connect several ranks of a training before
-//! they start it ([`run`]). Scenes are trained and rendered by the crate `specula-scene`.
+//! they start it ([`run`]), and for interpreters that have it in a module ([`run_as`]). Scenes are
+//! trained and rendered by the crate `specula-scene`.
 
 mod args;
 mod certified;
+mod command_line;
 mod commands;
 mod config;
 mod dataset;
@@ -25,6 +27,7 @@ mod training;
 mod truth;
 mod video;
 
+pub use command_line::CommandLine;
 pub use ranks::{Ranks, local_rank};
 
 use args::{Arguments, Command};
@@ -37,15 +40,11 @@ use std::{
     io::{Write, stderr},
 };
 
-/// Allocator that keeps pages between steps, since each step allocates its frames and gradients.
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
 /// Runs the command line of this process, as one of several ranks or as the only one. Returns the
 /// exit code: 0 for success, 1 for a fault of the program or findings of `info --strict`, 2 for bad
 /// input, 130 if interrupted.
 pub fn run(ranks: &Ranks<'_>) -> u8 {
-    let arguments = match Arguments::parse_words(std::env::args_os()) {
+    let arguments = match Arguments::parse_words(command_line::given().words()) {
         Ok(arguments) => arguments,
         // All ranks have the same command line.
         Err(error) if !ranks.is_first() => return if error.use_stderr() { 2 } else { 0 },
@@ -65,9 +64,16 @@ pub fn run(ranks: &Ranks<'_>) -> u8 {
     }
 }
 
+/// Runs a command line in the place of this process's own, as the only rank; see [`run`] for the exit
+/// code. A process has one command line: the first one that was given stays.
+pub fn run_as(command_line: CommandLine) -> u8 {
+    command_line::set(command_line);
+    run(&Ranks::alone())
+}
+
 /// Runs a command, with settings from files if it names any.
 fn start(arguments: Arguments, ranks: &Ranks<'_>) -> Result<(), Failure> {
-    let words = args::words_of(std::env::args_os());
+    let words = args::words_of(command_line::given().words());
     match manifest::of(&arguments, &words)? {
         Some(manifest) if manifest.is_listed => commands::train::many::list(&manifest),
         Some(manifest) => {
@@ -121,7 +127,7 @@ fn run_command(arguments: &Arguments, ranks: &Ranks<'_>) -> Result<(), Failure> 
 
 /// Prints help to stdout, or the error of the arguments as one sentence to stderr.
 fn explain(error: &clap::Error) -> u8 {
-    let words: Vec<OsString> = std::env::args_os().collect();
+    let words = command_line::given().words();
     match error.kind() {
         ErrorKind::DisplayHelp => help::print(&words),
         ErrorKind::DisplayVersion => {

@@ -2,6 +2,10 @@
 
 use std::process::ExitCode;
 
+/// Allocator that keeps pages between steps, since each step allocates its frames and gradients.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 fn main() -> ExitCode {
     #[cfg(all(target_os = "linux", feature = "gpu"))]
     start_without_display();

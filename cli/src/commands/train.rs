@@ -7,6 +7,7 @@ mod result;
 
 use crate::{
     args::{self, AT_MOST_1100, AT_MOST_1600, LONGER_EDGE, LightReference, Photographs, ProfileName, Train},
+    command_line,
     commands::view::{self, Watching},
     config, dataset,
     failure::Failure,
@@ -533,7 +534,7 @@ fn info_of(args: &Train, settings: &Settings, data: &Capture) -> Result<ModelInf
     info.rest.insert("images".into(), args.photographs.images.as_str().into());
     info.rest.insert("test_every".into(), args.photographs.test_every.into());
     info.rest.insert("masks".into(), args.photographs.masks.name().into());
-    info.rest.insert("command".into(), command_line().into());
+    info.rest.insert("command".into(), arguments().into());
     Ok(ModelInfo {
         eval: args.eval,
         origin: data.origin,
@@ -544,9 +545,8 @@ fn info_of(args: &Train, settings: &Settings, data: &Capture) -> Result<ModelInf
 }
 
 /// Arguments of the program, with invalid Unicode replaced.
-fn command_line() -> String {
-    let words: Vec<String> = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
-    words.join(" ")
+fn arguments() -> String {
+    command_line::given().arguments.join(" ".as_ref()).to_string_lossy().into_owned()
 }
 
 fn save_inputs(args: &Train, profile: &Profile, data: &Capture, points: &[Point]) -> Result<(), Failure> {

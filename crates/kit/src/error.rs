@@ -110,6 +110,12 @@ pub enum InputError {
         /// Far plane.
         far: f32,
     },
+    /// A radius below zero, or none.
+    #[error("a radius of {radius_clip} pixels is no limit; use 0 to draw all Gaussians, or more")]
+    RadiusClip {
+        /// Largest radius that is not drawn.
+        radius_clip: f32,
+    },
     /// A low-pass that the executors do not have.
     #[error(
         "a low-pass of {eps2d} px² {} is not supported; use 0.3, or 0.1 with antialiasing",

@@ -72,6 +72,9 @@ pub struct Options {
     pub near: f32,
     /// Gaussians whose mean is farther than this are not drawn, in world units; 1e10 by default.
     pub far: f32,
+    /// Gaussians whose [radii](Images::radii) are both at most this are not drawn, in pixels; 0 by
+    /// default. Above 0, each view is projected once more.
+    pub radius_clip: f32,
     /// Variance that splats are widened by, in px²: 0.3, or 0.1 with antialiasing.
     pub eps2d: f32,
     /// Whether the opacity of a splat is multiplied by √(det Σ₂ / det(Σ₂ + eps2d I)).
@@ -91,6 +94,7 @@ impl Default for Options {
         Self {
             near: 0.01,
             far: 1e10,
+            radius_clip: 0.0,
             eps2d: BLUR,
             antialiased: false,
             depth: DepthMode::None,
@@ -109,9 +113,12 @@ impl Options {
             .find(|low_pass| low_pass.variance() == eps2d && low_pass.is_compensated() == antialiased)
             .ok_or(InputError::LowPass { eps2d, antialiased })
     }
-    pub(crate) fn check_planes(&self) -> Result<(), InputError> {
-        let Self { near, far, .. } = *self;
-        if near >= 0.0 && near < far { Ok(()) } else { Err(InputError::Planes { near, far }) }
+    pub(crate) fn check_ranges(&self) -> Result<(), InputError> {
+        let Self { near, far, radius_clip, .. } = *self;
+        if !(near >= 0.0 && near < far) {
+            return Err(InputError::Planes { near, far });
+        }
+        if radius_clip >= 0.0 { Ok(()) } else { Err(InputError::RadiusClip { radius_clip }) }
     }
 }
 
@@ -139,22 +146,23 @@ impl Images {
     /// Half width and half height of the box around each Gaussian in whole pixels, rounded up; zero
     /// for a Gaussian that is not drawn, or whose box misses the picture.
     pub fn radii(&self) -> Vec<[i32; 2]> {
-        let size = [self.width as f32, self.height as f32];
-        let radii = |splat: &OnScreen| {
-            let radii = splat.half_extent.map(f32::ceil);
-            let touches = |axis: usize| {
-                let (center, radius) = (splat.mean2d[axis], radii[axis]);
-                radius > 0.0 && center + radius > 0.0 && center - radius < size[axis]
-            };
-            if touches(0) && touches(1) { radii.map(|radius| radius as i32) } else { [0; 2] }
-        };
-        self.splats.iter().map(radii).collect()
+        self.splats.iter().map(|splat| radii_of(splat, [self.width as f32, self.height as f32])).collect()
     }
     /// Gaussians with radii above zero, in order.
     pub fn visible(&self) -> Vec<u32> {
         let radii = self.radii();
         (0..).zip(&radii).filter(|(_, radii)| **radii != [0; 2]).map(|(gaussian, _)| gaussian).collect()
     }
+}
+
+/// Half width and half height of the box around a splat in a picture of this size.
+pub(crate) fn radii_of(splat: &OnScreen, size: [f32; 2]) -> [i32; 2] {
+    let radii = splat.half_extent.map(f32::ceil);
+    let touches = |axis: usize| {
+        let (center, radius) = (splat.mean2d[axis], radii[axis]);
+        radius > 0.0 && center + radius > 0.0 && center - radius < size[axis]
+    };
+    if touches(0) && touches(1) { radii.map(|radius| radius as i32) } else { [0; 2] }
 }
 
 /// Cotangents of the pictures of one view: gradients of a loss. An empty slice is zeros.

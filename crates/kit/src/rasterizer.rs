@@ -3,7 +3,7 @@
 use crate::{
     cloud::{add_rows, check, from_columns, layout_of},
     error::{InputError, RasterizeError},
-    inputs::{Colors, Cotangents, DepthMode, Images, InputGradients, Inputs, Options, PinholeView, ViewGradients},
+    inputs::{Colors, Cotangents, DepthMode, Images, InputGradients, Inputs, Options, PinholeView, ViewGradients, radii_of},
 };
 use specula_core::{
     camera::{Camera, CameraGrad},
@@ -54,8 +54,8 @@ pub struct Context<E: ReadBack> {
 struct ViewContext<E: ReadBack> {
     tape: Tape<E>,
     background: [f32; 3],
-    /// Gaussians without those beyond the far plane, if there are any.
-    within_far: Option<Gaussians<E::Array>>,
+    /// Gaussians without those that this view leaves out, if there are any.
+    kept: Option<Gaussians<E::Array>>,
     alpha: Vec<f32>,
     /// Σ w z, if depth is expected.
     accumulated: Vec<f32>,
@@ -103,7 +103,7 @@ impl<E: ReadBack> Rasterizer<E> {
         views: &[PinholeView],
     ) -> RasterizeResult<(Vec<Images>, Context<E>), E> {
         check(inputs)?;
-        self.options.check_planes()?;
+        self.options.check_ranges()?;
         let layout = layout_of(inputs, self.options.low_pass()?)?;
         let cameras = views.iter().enumerate().map(|(index, view)| camera_of(index, view, &self.options));
         let cameras = cameras.collect::<Result<Vec<Camera>, InputError>>()?;
@@ -138,11 +138,15 @@ impl<E: ReadBack> Rasterizer<E> {
         background: [f32; 3],
     ) -> Result<(Images, ViewContext<E>), E::Error> {
         let Self { exec, options } = self;
-        let within_far = match without_far(cloud, camera, options.far) {
-            Some(cloud) => Some(exec.upload_gaussians(&cloud)?),
-            None => None,
+        let mut left_out = beyond(cloud, camera, options.far);
+        if options.radius_clip > 0.0 {
+            left_out.extend(small(exec, gaussians, camera, options.radius_clip)?);
+        }
+        let kept = match left_out.is_empty() {
+            true => None,
+            false => Some(exec.upload_gaussians(&without(cloud, &left_out))?),
         };
-        let drawn = within_far.as_ref().unwrap_or(gaussians);
+        let drawn = kept.as_ref().unwrap_or(gaussians);
         let tape = match inputs.colors {
             Colors::Rgb(rgb) => render_colors_taped(exec, drawn, rgb, camera, &rules(options, None))?,
             Colors::Harmonics { degree, .. } => {
@@ -179,7 +183,7 @@ impl<E: ReadBack> Rasterizer<E> {
         let is_compensated = cloud.layout.low_pass.is_compensated();
         let splat_opacities =
             if is_compensated { splats.iter().map(|splat| splat.opacity).collect() } else { Vec::new() };
-        let view = ViewContext { tape, background, within_far, alpha: alpha.clone(), accumulated, splat_opacities };
+        let view = ViewContext { tape, background, kept, alpha: alpha.clone(), accumulated, splat_opacities };
         Ok((Images { width, height, rgb, alpha, depth, splats }, view))
     }
 
@@ -229,7 +233,7 @@ impl<E: ReadBack> Rasterizer<E> {
         sums: &mut InputGradients,
     ) -> Result<ViewGradients, E::Error> {
         let exec = &mut self.exec;
-        let drawn = view.within_far.as_ref().unwrap_or(&context.gaussians);
+        let drawn = view.kept.as_ref().unwrap_or(&context.gaussians);
         let (planes, background) = view.frame_cotangent(cotangents, context.options.depth);
         let cotangent = exec.upload_frame_grad(&view.tape.frame, &planes)?;
         let count = context.scales.len();
@@ -356,19 +360,37 @@ fn camera_of(index: usize, view: &PinholeView, options: &Options) -> Result<Came
     }
 }
 
-/// The cloud without Gaussians beyond the far plane; `None` if there are none. The logits of their
-/// opacities are not finite, so that they are not drawn and have no gradient.
-fn without_far(cloud: &Gaussians<Vec<f32>>, camera: &Camera, far: f32) -> Option<Gaussians<Vec<f32>>> {
+/// Gaussians beyond the far plane.
+fn beyond(cloud: &Gaussians<Vec<f32>>, camera: &Camera, far: f32) -> Vec<usize> {
     let lifted = camera.lift(0.0_f32);
     let is_far = |gaussian: &usize| {
         let [x, y, z] = cloud.get::<3>(*gaussian, MEAN);
         lifted.to_camera(Vec3 { x, y, z }).z > far
     };
-    let mut beyond = (0..cloud.count).filter(is_far).peekable();
-    beyond.peek()?;
-    let mut within = cloud.clone();
-    beyond.for_each(|gaussian| within.set(gaussian, OPACITY, [f32::NEG_INFINITY]));
-    Some(within)
+    (0..cloud.count).filter(is_far).collect()
+}
+
+/// Gaussians whose radii are both at most a limit.
+fn small<E: ReadBack>(
+    exec: &mut E,
+    gaussians: &Gaussians<E::Array>,
+    camera: &Camera,
+    limit: f32,
+) -> Result<Vec<usize>, E::Error> {
+    let splats = exec.project(gaussians, camera)?;
+    let mut on_screen = vec![OnScreen::default(); gaussians.count];
+    exec.read_splats(&splats, &mut on_screen)?;
+    let size = [camera.width as f32, camera.height as f32];
+    let is_small = |splat: &OnScreen| radii_of(splat, size).iter().all(|radius| *radius as f32 <= limit);
+    Ok((0..gaussians.count).filter(|gaussian| is_small(&on_screen[*gaussian])).collect())
+}
+
+/// The cloud with Gaussians left out: the logits of their opacities are not finite, so that they
+/// are not drawn and have no gradient.
+fn without(cloud: &Gaussians<Vec<f32>>, left_out: &[usize]) -> Gaussians<Vec<f32>> {
+    let mut kept = cloud.clone();
+    left_out.iter().for_each(|gaussian| kept.set(*gaussian, OPACITY, [f32::NEG_INFINITY]));
+    kept
 }
 
 fn view_matrix(grad: &CameraGrad<Double>, camera: &Camera) -> [[f32; 4]; 4] {

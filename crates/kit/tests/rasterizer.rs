@@ -398,6 +398,32 @@ fn gaussians_nearer_or_farther_than_the_planes_are_not_drawn() {
     assert!(visible.iter().all(is_between), "depths between the planes");
 }
 
+/// Small Gaussians are left out of a view as if they were not there; the others keep their bits.
+#[test]
+fn gaussians_up_to_the_clipped_radius_are_not_drawn() {
+    let mut case = Case::new(12, None, options(DepthMode::Accumulated), 13);
+    let cotangents = [cotangents_of(0), cotangents_of(1)];
+    let (all, _) = case.run(&cotangents);
+    let mut sizes: Vec<i32> = all[0].radii().iter().map(|[x, y]| *x.max(y)).collect();
+    sizes.sort_unstable();
+    case.options.radius_clip = sizes[6] as f32;
+    let (some, gradients) = case.run(&cotangents);
+    let is_left_out = |view: usize, gaussian: usize| {
+        all[view].radii()[gaussian].iter().all(|radius| *radius as f32 <= case.options.radius_clip)
+    };
+    assert!((1..12).contains(&some[0].visible().len()), "{:?} of {sizes:?}", some[0].visible());
+    for view in 0..2 {
+        let mut rest = Case::new(12, None, options(DepthMode::Accumulated), 13);
+        (0..12).filter(|gaussian| is_left_out(view, *gaussian)).for_each(|gaussian| rest.opacities[gaussian] = 0.0);
+        let (without, _) = rest.run(&cotangents);
+        assert_eq!(some[view].rgb, without[view].rgb, "view {view}");
+        assert!((0..12).all(|gaussian| (some[view].radii()[gaussian] == [0; 2]) >= is_left_out(view, gaussian)));
+    }
+    for gaussian in (0..12).filter(|gaussian| is_left_out(0, *gaussian) && is_left_out(1, *gaussian)) {
+        assert_eq!((gradients.means[gaussian], gradients.opacities[gaussian]), ([0.0; 3], 0.0), "{gaussian}");
+    }
+}
+
 /// Black and negative colours take gradients, which a floor at zero would keep from them.
 #[test]
 fn colors_have_no_floor() {
@@ -510,6 +536,7 @@ fn invalid_inputs_are_refused_by_name() {
     let low_pass = InputError::LowPass { eps2d: 0.5, antialiased: false };
     assert_eq!(error_of(|case| case.options.eps2d = 0.5), low_pass);
     assert_eq!(error_of(|case| case.options.far = 0.0), InputError::Planes { near: 0.01, far: 0.0 });
+    assert_eq!(error_of(|case| case.options.radius_clip = -1.0), InputError::RadiusClip { radius_clip: -1.0 });
     let camera = |error: CameraError| InputError::Camera { view: 1, error };
     let entry = |case: &mut Case, row: usize, column: usize| case.views[1].view_matrix[row][column] += 0.1;
     assert_eq!(error_of(|case| entry(case, 3, 0)), camera(CameraError::LastRow));

@@ -9,6 +9,10 @@ use specula::{Ranks, local_rank};
 use specula_train::exchange::{Exchange, RANK_TIMEOUT};
 use std::{env, process::ExitCode, thread};
 
+/// Allocator that keeps pages between steps, since each step allocates its frames and gradients.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// Variable with the seconds after which a rank that does not answer counts as lost.
 const PATIENCE_VARIABLE: &str = "SPECULA_RANK_PATIENCE";
 /// Time for the first rank to print its error before another one ends all.

@@ -6,6 +6,7 @@ mod arrays;
 mod camera;
 mod errors;
 mod light;
+mod program;
 mod quality;
 mod raster;
 mod scene;
@@ -24,6 +25,8 @@ mod _core {
     use camera::{Camera, View, load_views};
     #[pymodule_export]
     use light::{Light, PrefilteredLight, cube_to_latlong, latlong_to_cube, prefilter};
+    #[pymodule_export]
+    use program::run_program;
     #[pymodule_export]
     use quality::{flip, normal_mae, psnr, ssim};
     #[pymodule_export]

@@ -115,6 +115,7 @@ pub(crate) fn rasterize<'py>(
     height: u32,
     near: f32,
     far: f32,
+    radius_clip: f32,
     eps2d: f32,
     antialiased: bool,
     render_mode: &str,
@@ -154,7 +155,16 @@ pub(crate) fn rasterize<'py>(
         opacities: opacities.values(),
         colors,
     };
-    let options = Options { near, far, eps2d, antialiased, depth: mode.depth, view_gradients, absolute_gradients };
+    let options = Options {
+        near,
+        far,
+        radius_clip,
+        eps2d,
+        antialiased,
+        depth: mode.depth,
+        view_gradients,
+        absolute_gradients,
+    };
     let shape = [views.len(), height as usize, width as usize];
     let [cameras, height, width] = shape;
     let count = inputs.means.len();

@@ -99,6 +99,34 @@ def test_gsplat_s_own_constants_where_no_splat_is_opaque_and_no_mean_far_outside
     compare(scene, *cameras(rng, 2, *SIZE, off_centre=False), rules=Rules())
 
 
+@pytest.mark.parametrize("seed", range(180))
+def test_random_scenes(seed):
+    """Any degree, number and size of Gaussians, filter, plane and background."""
+    rng = np.random.default_rng(1000 + seed)
+    degree = [None, 0, 1, 2, 3][seed % 5]
+    antialiased = bool(rng.integers(2))
+    rules = Rules(near=float(np.float32(rng.choice([0.01, 0.2, 3.0]))), antialiased=antialiased, **PACKAGE)
+    scene = cloud(rng, int(rng.integers(25, 60)), degree, spread=rng.uniform(0.4, 1.2), scales=(0.02, rng.uniform(0.1, 0.4)))
+    background = rng.uniform(size=3) if rng.integers(2) else None
+    compare(scene, *cameras(rng, 1, *SIZE), rules=rules, background=background, sh_degree=degree)
+
+
+def test_small_splats_are_clipped():
+    rng = np.random.default_rng(75)
+    scene, (viewmats, Ks) = cloud(rng, 60), cameras(rng, 2, *SIZE)
+    arguments = dict(viewmats=viewmats, Ks=Ks, width=SIZE[0], height=SIZE[1], packed=False)
+    everything, _, meta = sg.rasterization(**scene, **arguments)
+    limit = float(np.median(meta["radii"].max(-1)))
+    clipped, _, kept = sg.rasterization(**scene, **arguments, radius_clip=limit)
+    is_small = (meta["radii"] <= limit).all(-1)
+    assert is_small.any() and (kept["radii"][is_small] == 0).all()
+    assert np.array_equal(kept["radii"][~is_small], meta["radii"][~is_small])
+    for index in range(2):
+        rest = {name: array[~is_small[index]] for name, array in scene.items()}
+        alone, _, _ = sg.rasterization(**rest, **dict(arguments, viewmats=viewmats[index, None], Ks=Ks[index, None]))
+        assert np.array_equal(clipped[index], alone[0]) and not np.array_equal(everything[index], alone[0])
+
+
 def test_render_modes_are_channels_of_each_other():
     rng = np.random.default_rng(80)
     scene, (viewmats, Ks) = cloud(rng, 30), cameras(rng, 2, *SIZE)

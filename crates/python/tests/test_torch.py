@@ -199,3 +199,40 @@ def test_gsplat_s_strategy_grows_gaussians():
                 optimizer.zero_grad()
             strategy.step_post_backward(params, optimizers, state, step, info, packed=packed)
         assert len(params["means"]) > before
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_gsplat_s_own_reference_agrees(seed):
+    """Projection, compensation and harmonics of gsplat's torch code, in f64; pictures by them."""
+    reference = pytest.importorskip("gsplat.cuda._torch_impl")
+    degree = seed % 4
+    arrays = problem(seed, sh_degree=degree, spread=0.3, opacity=(0.05, 0.9), scales=(0.03, 0.2))
+    exact = {name: torch.tensor(array, dtype=torch.float64) for name, array in arrays.items()}
+    means, viewmats = exact["means"], exact["viewmats"]
+    covars, _ = reference._quat_scale_to_covar_preci(exact["quats"], exact["scales"], True, False)
+    _, means2d, depths, conics, _ = reference._fully_fused_projection(means, covars, viewmats, exact["Ks"], *SIZE)
+    pictures, alphas, meta = sg.rasterization(
+        **{name: torch.tensor(array) for name, array in arrays.items()}, width=SIZE[0], height=SIZE[1], sh_degree=degree, packed=False
+    )
+    seen = (meta["radii"] > 0).all(-1)
+    assert seen.sum() > 20
+    assert (meta["means2d"] - means2d)[seen].abs().max() <= 1e-4 and (meta["depths"] - depths)[seen].abs().max() <= 1e-5
+    rows, columns = torch.meshgrid(torch.arange(SIZE[1]) + 0.5, torch.arange(SIZE[0]) + 0.5, indexing="ij")
+    for camera in range(2):
+        eye = -viewmats[camera, :3, :3].T @ viewmats[camera, :3, 3]
+        colors = (reference._spherical_harmonics(degree, means - eye, exact["colors"]) + 0.5).clamp(min=0)
+        transmittance = torch.ones(SIZE[1], SIZE[0], dtype=torch.float64)
+        picture = torch.zeros(SIZE[1], SIZE[0], 3, dtype=torch.float64)
+        is_clear = torch.ones(SIZE[1], SIZE[0], dtype=torch.bool)
+        for splat in depths[camera].argsort():
+            x, y = columns - means2d[camera, splat, 0], rows - means2d[camera, splat, 1]
+            a, b, c = conics[camera, splat]
+            alpha = exact["opacities"][splat] * torch.exp(-0.5 * (a * x * x + c * y * y) - b * x * y)
+            is_clear &= (alpha - 1 / 255).abs() > 1e-5
+            alpha = torch.where(alpha < 1 / 255, 0.0, alpha)
+            picture += (transmittance * alpha)[..., None] * colors[splat]
+            transmittance = transmittance * (1 - alpha)
+        is_clear &= transmittance > 1e-3
+        assert is_clear.float().mean() > 0.7
+        assert (pictures[camera] - picture)[is_clear].abs().max() <= 1e-5
+        assert (alphas[camera, ..., 0] - (1 - transmittance))[is_clear].abs().max() <= 1e-5

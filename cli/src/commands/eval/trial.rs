@@ -3,7 +3,7 @@
 //! seen a view. The reader bounds the bytes and fields of a file, but a file of a hundred bytes can
 //! ask for numbers by the billion (`ConstantOfShape`), for which the runtime aborts the process.
 
-use crate::{args::TryNetwork, failure::Failure};
+use crate::{args::TryNetwork, command_line, failure::Failure};
 use specula_report::lpips::LpipsNetwork;
 use std::{
     fs,
@@ -63,13 +63,15 @@ pub(super) fn try_network(path: &Path, size: [u32; 2]) -> Result<(), Failure> {
 }
 
 fn output_of(path: &Path, [width, height]: [u32; 2], seconds: u64, memory: u64) -> std::io::Result<Output> {
-    let program = std::env::current_exe()?;
+    let program = &command_line::given().program;
     let mut command = if cfg!(unix) {
         let mut shell = Command::new("sh");
-        shell.args(["-c", LIMITED, &seconds.to_string(), &(memory >> 10).to_string()]).arg(program);
+        shell.args(["-c", LIMITED, &seconds.to_string(), &(memory >> 10).to_string()]).args(program);
         shell
     } else {
-        Command::new(program)
+        let mut command = Command::new(&program[0]);
+        command.args(&program[1..]);
+        command
     };
     command.args(["--threads", "1", "try-network"]).arg(path);
     command.args(["--size", &width.to_string(), &height.to_string()]).env(THREADS, "1").stdin(Stdio::null()).output()

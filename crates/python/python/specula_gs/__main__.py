@@ -1,13 +1,15 @@
-"""`python -m specula_gs`: version, and a self test of a second."""
+"""The program `specula`, also as `python -m specula_gs`; without arguments the latter tests the package for a second."""
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import Any
 
 import numpy as np
 
 import specula_gs
+from specula_gs import _core
 
 
 def self_test() -> None:
@@ -36,12 +38,24 @@ def self_test() -> None:
         raise SystemExit("self test failed: the irradiance of a white sky is not white")
 
 
-def main() -> None:
-    """Prints the version and runs the self test."""
+def program() -> int:
+    """Runs the program with the arguments of this process."""
+    # Drivers of Vulkan print errors without the first, on machines without a display; the second is
+    # for processes that the program starts with a limit on memory.
+    for name, value in (("XDG_RUNTIME_DIR", os.devnull), ("OPENBLAS_NUM_THREADS", "1")):
+        os.environ.setdefault(name, value)
+    return _core.run_program([sys.executable, "-m", "specula_gs"], sys.argv[1:])
+
+
+def main() -> int:
+    """Runs the program, or without arguments prints the version and tests the package."""
+    if len(sys.argv) > 1:
+        return program()
     print(f"specula-gs {specula_gs.__version__}, {specula_gs.thread_count()} threads, Python {sys.version.split()[0]}")
     self_test()
     print("self test passed")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

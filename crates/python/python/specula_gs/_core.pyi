@@ -24,6 +24,7 @@ __all__ = [
     "prefilter",
     "psnr",
     "rasterize",
+    "run_program",
     "shade",
     "shade_physical",
     "split_sum",
@@ -334,6 +335,9 @@ def train(
 def thread_count() -> int:
     """Number of threads that calls compute on."""
 
+def run_program(program: list[str], arguments: list[str]) -> int:
+    """Runs the program with these arguments, and returns its exit code; `program` starts it again."""
+
 def rasterize(
     means: NDArray[np.float32],
     quats: NDArray[np.float32],
@@ -348,6 +352,7 @@ def rasterize(
     height: int,
     near: float,
     far: float,
+    radius_clip: float,
     eps2d: float,
     antialiased: bool,
     render_mode: str,

@@ -63,6 +63,7 @@ class Options:
     height: int
     near_plane: float
     far_plane: float
+    radius_clip: float
     eps2d: float
     sh_degree: int | None
     packed: bool
@@ -217,8 +218,6 @@ def options_of(
     for name, value in wanted.items():
         if value is not None and value is not False:
             raise Unsupported(f"{name}={value!r} is not supported; omit it")
-    if _real(radius_clip, "radius_clip") != 0.0:
-        raise Unsupported(f"radius_clip={radius_clip!r} is not supported; use 0")
     if render_mode not in _MODES:
         raise Unsupported(f"render_mode {render_mode!r} is not supported; use {', '.join(_MODES)}")
     if rasterize_mode not in ("classic", "antialiased"):
@@ -237,6 +236,7 @@ def options_of(
         height=height,
         near_plane=_real(near_plane, "near_plane"),
         far_plane=_real(far_plane, "far_plane"),
+        radius_clip=_real(radius_clip, "radius_clip"),
         eps2d=_real(eps2d, "eps2d"),
         sh_degree=sh_degree,
         packed=bool(packed),
@@ -305,6 +305,7 @@ def forward(arguments: Arguments, options: Options, *, taped: bool, views: bool)
             options.height,
             options.near_plane,
             options.far_plane,
+            options.radius_clip,
             options.eps2d,
             options.antialiased,
             mode,
@@ -440,6 +441,7 @@ def rasterization(
         Ks: [C, 3, 3], intrinsics in pixels, without skew; they get no gradient.
         width, height: size of the pictures in pixels.
         near_plane, far_plane: Gaussians with other depths are not drawn.
+        radius_clip: Gaussians whose radii are both at most this many pixels are not drawn.
         eps2d: variance that is added to splats, in square pixels; 0.3, or 0.1 if antialiased.
         sh_degree: harmonics to evaluate, 0 to 3; a colour is max(sum + 0.5, 0).
         packed: whether the arrays of `meta` have entries only for splats that are drawn.
@@ -564,6 +566,7 @@ def rasterization_vjp(
     *,
     near_plane: float = 0.01,
     far_plane: float = 1e10,
+    radius_clip: float = 0.0,
     eps2d: float = 0.3,
     sh_degree: int | None = None,
     packed: bool = False,
@@ -583,7 +586,7 @@ def rasterization_vjp(
         height=height,
         near_plane=near_plane,
         far_plane=far_plane,
-        radius_clip=0.0,
+        radius_clip=radius_clip,
         eps2d=eps2d,
         sh_degree=sh_degree,
         packed=packed,
