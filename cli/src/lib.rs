@@ -64,8 +64,8 @@ pub fn run(ranks: &Ranks<'_>) -> u8 {
     }
 }
 
-/// Runs a command line in the place of this process's own, as the only rank; see [`run`] for the exit
-/// code. A process has one command line: the first one that was given stays.
+/// Runs a command line in the place of this process's own, as the only rank; see [`run`] for the
+/// exit code. A process has one command line: the first one that was given stays.
 pub fn run_as(command_line: CommandLine) -> u8 {
     command_line::set(command_line);
     run(&Ranks::alone())

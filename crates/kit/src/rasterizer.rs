@@ -3,7 +3,9 @@
 use crate::{
     cloud::{add_rows, check, from_columns, layout_of},
     error::{InputError, RasterizeError},
-    inputs::{Colors, Cotangents, DepthMode, Images, InputGradients, Inputs, Options, PinholeView, ViewGradients, radii_of},
+    inputs::{
+        Colors, Cotangents, DepthMode, Images, InputGradients, Inputs, Options, PinholeView, ViewGradients, radii_of,
+    },
 };
 use specula_core::{
     camera::{Camera, CameraGrad},

@@ -155,16 +155,8 @@ pub(crate) fn rasterize<'py>(
         opacities: opacities.values(),
         colors,
     };
-    let options = Options {
-        near,
-        far,
-        radius_clip,
-        eps2d,
-        antialiased,
-        depth: mode.depth,
-        view_gradients,
-        absolute_gradients,
-    };
+    let options =
+        Options { near, far, radius_clip, eps2d, antialiased, depth: mode.depth, view_gradients, absolute_gradients };
     let shape = [views.len(), height as usize, width as usize];
     let [cameras, height, width] = shape;
     let count = inputs.means.len();
