@@ -9,7 +9,7 @@ static GIVEN: OnceLock<CommandLine> = OnceLock::new();
 /// interpreter that has the program in a module.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CommandLine {
-    /// What starts the program again: an executable and the words before the arguments.
+    /// Words that start the program again: an executable, and those before the arguments.
     pub program: Vec<OsString>,
     /// Arguments, without the program's name.
     pub arguments: Vec<OsString>,
