@@ -30,9 +30,13 @@ impl CommandLine {
     }
 }
 
-/// Sets the command line of this process; the first one stays.
+/// Sets the command line of this process.
+///
+/// # Panics
+///
+/// If it is set or was read.
 pub(crate) fn set(given: CommandLine) {
-    let _ = GIVEN.set(given);
+    assert!(GIVEN.set(given).is_ok(), "a process runs one command line");
 }
 
 /// Command line of this process.

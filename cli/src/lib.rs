@@ -65,7 +65,11 @@ pub fn run(ranks: &Ranks<'_>) -> u8 {
 }
 
 /// Runs a command line in the place of this process's own, as the only rank; see [`run`] for the
-/// exit code. A process has one command line: the first one that was given stays.
+/// exit code.
+///
+/// # Panics
+///
+/// If the process has run one before: its settings and threads are those of the first.
 pub fn run_as(command_line: CommandLine) -> u8 {
     command_line::set(command_line);
     run(&Ranks::alone())

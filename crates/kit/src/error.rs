@@ -110,7 +110,7 @@ pub enum InputError {
         /// Far plane.
         far: f32,
     },
-    /// A radius below zero, or none.
+    /// A radius that is below zero or not a number.
     #[error("a radius of {radius_clip} pixels is no limit; use 0 to draw all Gaussians, or more")]
     RadiusClip {
         /// Largest radius that is not drawn.
