@@ -16,6 +16,10 @@ mod training;
 
 use pyo3::prelude::*;
 
+/// Allocator that keeps pages between calls, since each call allocates its pictures and gradients.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// Extension module.
 #[pymodule]
 mod _core {

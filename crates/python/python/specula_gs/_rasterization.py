@@ -155,7 +155,8 @@ class Forward:
 
     def ids(self) -> tuple[np.ndarray[Any, np.dtype[np.int64]], np.ndarray[Any, np.dtype[np.int64]]]:
         """Cameras and Gaussians of the splats that are drawn."""
-        cameras, gaussians = np.nonzero((self.radii > 0).all(axis=-1))
+        is_drawn = self.radii > 0
+        cameras, gaussians = np.nonzero(is_drawn[..., 0] & is_drawn[..., 1])
         return cameras, gaussians
 
     def meta(self, options: Options, means2d: Any, radii: Any, depths: Any, ids: tuple[Any, Any] | None) -> Meta:

@@ -18,17 +18,17 @@ _NAMES = Arguments._fields
 class _Shared:
     """One rasterisation, which two functions of the graph share."""
 
-    def __init__(self, done: Forward, options: Options, ids: tuple[torch.Tensor, torch.Tensor] | None) -> None:
+    def __init__(self, done: Forward, options: Options, rows: torch.Tensor | None) -> None:
         self.done = done
         self.options = options
-        self.ids = ids
+        self.rows = rows
         self.grad_means2d: torch.Tensor | None = None
         self.means2d: weakref.ref[torch.Tensor] | None = None
 
     def chosen(self, array: Any) -> torch.Tensor:
-        """Entries of an array [C, N, …] that `meta` has."""
+        """Entries of an array [C, N, …] that `meta` has: all, or some rows of [C · N, …]."""
         tensor = torch.from_numpy(array)
-        return tensor if self.ids is None else tensor[self.ids]
+        return tensor if self.rows is None else tensor.flatten(0, 1).index_select(0, self.rows)
 
 
 class _Centers(torch.autograd.Function):
@@ -109,15 +109,14 @@ def rasterize_tensors(arguments: Arguments, options: Options) -> tuple[torch.Ten
     arrays = [None if tensor is None else tensor.detach().contiguous().numpy() for tensor in tensors]
     views = wants_grad[_NAMES.index("viewmats")]
     done = forward(Arguments(*arrays), options, taped=any(wants_grad), views=views)
-    radii, depths = torch.from_numpy(done.radii), torch.from_numpy(done.depths)
-    ids = None
+    ids = rows = None
     if options.packed:
         cameras, gaussians = (torch.from_numpy(index) for index in done.ids())
         ids = (cameras, gaussians)
-        radii, depths = radii[ids], depths[ids]
-    shared = _Shared(done, options, ids)
+        rows = cameras * done.radii.shape[1] + gaussians
+    shared = _Shared(done, options, rows)
     centers = _Centers.apply(shared, *tensors)  # type: ignore[no-untyped-call]
     # Centres hold the graph, which holds what is shared.
     shared.means2d = weakref.ref(centers)
     pictures, alphas = _Pictures.apply(shared, centers, *tensors)  # type: ignore[no-untyped-call]
-    return pictures, alphas, done.meta(options, centers, radii, depths, ids)
+    return pictures, alphas, done.meta(options, centers, shared.chosen(done.radii), shared.chosen(done.depths), ids)
