@@ -30,13 +30,10 @@ pub(crate) fn run(args: &Capture) -> Result<(), Failure> {
     let Outcome { pictures, registered, .. } = outcome;
     output::say(&format!("{}: {registered} of {pictures} pictures have a camera", shown(&args.output)))?;
     findings.iter().try_for_each(|finding| output::say(&sentence(finding)))?;
-    let has_drift = findings.iter().any(|finding| finding.kind == EXPOSURE);
+    let has_drift = findings.iter().any(|finding| finding.kind == Finding::EXPOSURE);
     tracing::info!("next: {}", next_command(&args.output, &data, has_drift));
     Ok(())
 }
-
-/// Kind of the finding of pictures with different exposures.
-pub(crate) const EXPOSURE: &str = "exposure";
 
 /// Training of the data set, with materials, and exposures where they differ.
 fn next_command(folder: &Path, data: &Dataset, has_drift: bool) -> String {

@@ -5,7 +5,7 @@ use crate::{
     args::Make, commands::capture, dataset, failure::Failure, interrupt, output, progress, run_words, scene::read_env,
 };
 use serde_json::Value;
-use specula_capture::{Outcome, command_text};
+use specula_capture::{Finding, Outcome, command_text};
 use specula_io::{checkpoint, dataset::LoadOptions, model_folder, picture};
 use specula_report::made::{Figure, Format, Made};
 use specula_scene::{dataset::Dataset, orientation, text::shown};
@@ -51,7 +51,7 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     }
     let loaded = progress::silently(|| dataset::load(&data, &LoadOptions::default()))?;
     let mut findings = capture::findings(&data, &loaded)?;
-    let mut drift = findings.iter_mut().find(|finding| finding.kind == capture::EXPOSURE);
+    let mut drift = findings.iter_mut().find(|finding| finding.kind == Finding::EXPOSURE);
     if let Some(drift) = &mut drift {
         drift.remedy = "the training fits the colours of each (--exposure); lock exposure and white balance next time";
     }

@@ -36,6 +36,11 @@ pub struct Finding {
     pub remedy: &'static str,
 }
 
+impl Finding {
+    /// Kind of pictures that differ in brightness.
+    pub const EXPOSURE: &'static str = "exposure";
+}
+
 /// Facts of a data set.
 #[derive(Clone, Debug, Default)]
 pub struct Evidence<'a> {
@@ -185,7 +190,7 @@ fn of_looks(looks: &[Look]) -> Vec<Finding> {
     let [low, high] = [1, 9].map(tenth);
     if looks.len() >= 10 && high > EXPOSURE_MAX * low.max(0.01) {
         found.push(Finding {
-            kind: "exposure",
+            kind: Finding::EXPOSURE,
             cause: format!("pictures differ in brightness by a factor of {:.1}", high / low.max(0.01)),
             remedy: "lock exposure and white balance, or train with --exposure",
         });
@@ -284,7 +289,7 @@ mod tests {
         let blurred = vec![look(0.26, 0.5); 12];
         assert_eq!(kinds(&Evidence { looks: &blurred, ..Evidence::default() }), ["blur"]);
         let drifting: Vec<_> = (0..12).map(|k| look(0.4, 0.2 + 0.04 * k as f32)).collect();
-        assert_eq!(kinds(&Evidence { looks: &drifting, ..Evidence::default() }), ["exposure"]);
+        assert_eq!(kinds(&Evidence { looks: &drifting, ..Evidence::default() }), [Finding::EXPOSURE]);
         assert_eq!(of(20, &model(&circle(20, 1.0))), ["few"]);
         let half = circle(24, 0.5);
         let orientation = Some(([0.0, 0.0, 1.0], [0.0; 3]));

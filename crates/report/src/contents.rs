@@ -17,7 +17,7 @@ use specula_io::{lint::Finding, model_folder::ModelInfo, origin, points_ply::Poi
 use specula_scene::{
     OpenedModel, Scene,
     dataset::{Dataset, points_of},
-    environment::radiance,
+    environment::{lights_of_lamps, radiance},
     light_turn::LightTurn,
     number::group_digits,
     orientation,
@@ -219,7 +219,23 @@ impl Contents {
         let text = |(light, name)| format!("{} {name:?}, of {} pictures", light + 1, count(light));
         let lights: Vec<String> = names.iter().enumerate().map(text).collect();
         self.add("lights", lights.join("; "), json!(names));
+        self.add_lamps(opened, &names);
         self.add_turns(opened, &names)
+    }
+
+    /// Adds the lights of small lamps, if others are soft.
+    fn add_lamps(&mut self, opened: &OpenedModel, names: &[&str]) {
+        let found = lights_of_lamps(opened.scene.light.iter().chain(&opened.scene.other_lights));
+        if found.is_empty() {
+            return;
+        }
+        let text = |(light, share): &(usize, f64)| {
+            format!("{:?} has {:.0} % of its radiance in 1 % of the directions", names[*light], 100.0 * share)
+        };
+        let texts: Vec<String> = found.iter().map(text).collect();
+        let facts: Vec<Value> =
+            found.iter().map(|(light, share)| json!({"light": names[*light], "concentration": share})).collect();
+        self.add("lamps", texts.join("; "), facts.into());
     }
 
     /// Adds the turns of lights that are like the first one.

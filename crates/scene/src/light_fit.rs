@@ -7,7 +7,7 @@ use crate::{
 use specula_core::scene::Environment;
 use specula_train::{light_fit, pictures::PictureSource, start::Point};
 
-/// Number of times that light between surfaces is computed anew, from the light so far.
+/// Number of times that light between surfaces is computed again, from the light so far.
 const ROUNDS: u32 = 3;
 
 /// Pictures that a light is fitted to, and how.

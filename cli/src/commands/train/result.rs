@@ -23,6 +23,7 @@ use specula_scene::{
     RenderOptions, Scene, SceneError, SceneRenderer,
     backdrop::BackgroundColor,
     capture::Capture,
+    environment::lights_of_lamps,
     number::group_digits,
     training::{Outcome, Training},
 };
@@ -133,6 +134,7 @@ pub(super) fn finish(
         )));
     }
     tracing::info!("saved {path:?}");
+    warn_of_lamps(&scene, &info);
     if args.start.reflections == Some(Reflections::Near) && scene.near_field.is_none() {
         tracing::info!("no reflected ray hits the scene: all reflected light is distant");
     }
@@ -173,6 +175,19 @@ pub(super) fn finish(
     output::say(&lines.collect::<Vec<_>>().join("\n"))?;
     progress::note_next(next);
     Ok(())
+}
+
+/// Warns of lights whose pictures make materials worse.
+fn warn_of_lamps(scene: &Scene, info: &ModelInfo) {
+    let names = info.light_names();
+    for (light, share) in lights_of_lamps(scene.light.iter().chain(&scene.other_lights)) {
+        let Some(name) = names.get(light) else { continue };
+        tracing::warn!(
+            "light {name:?} has {:.0} % of its radiance in 1 % of the directions: small lamps, whose shadows look like \
+             darker material; train without its pictures (light - in the table of --lights-by) and compare",
+            100.0 * share
+        );
+    }
 }
 
 /// Agreement of the learned light with that of the data set. A true light that cannot be read is
