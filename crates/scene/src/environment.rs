@@ -99,8 +99,9 @@ mod tests {
         assert!((concentration(&light(|_| 0.7)) - BRIGHTEST).abs() < 1e-12);
         assert!((concentration(&light(|texel| f32::from(texel == 900))) - 1.0).abs() < 1e-12);
         assert_eq!(concentration(&light(|_| 0.0)), 0.0, "a black light");
-        let half = concentration(&light(|texel| if texel < 6 { 100.0 } else { 0.4 }));
-        assert!(0.4 < half && half < 0.6, "{half}: 600 of 1212");
+        let face = concentration(&light(|texel| if texel < 16 * 16 { 5.0 } else { 1.0 }));
+        let expected = BRIGHTEST * 5.0 / ((5.0 + 5.0) / 6.0);
+        assert!((face - expected).abs() < 1e-9, "{face} of a face that is brighter, not {expected}");
     }
 
     #[test]
