@@ -48,8 +48,8 @@ pub fn concentration(light: &Environment<Vec<f32>>) -> f64 {
 pub fn lights_of_lamps<'a>(lights: impl Iterator<Item = &'a Environment<Vec<f32>>>) -> Vec<(usize, f64)> {
     let all: Vec<(usize, f64)> = lights.map(concentration).enumerate().collect();
     let count = all.len();
-    let of_lamps: Vec<_> = all.into_iter().filter(|(_, concentration)| *concentration >= LAMPS_MIN).collect();
-    if of_lamps.len() < count { of_lamps } else { Vec::new() }
+    let concentrated: Vec<_> = all.into_iter().filter(|(_, concentration)| *concentration >= LAMPS_MIN).collect();
+    if concentrated.len() < count { concentrated } else { Vec::new() }
 }
 
 /// Roughness levels that an environment is filtered into, at the resolution of [`fitting`].
