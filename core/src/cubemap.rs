@@ -67,6 +67,12 @@ pub fn texel_solid_angle(column: usize, row: usize, resolution: usize) -> f64 {
     corner(x1, y1) - corner(x0, y1) - corner(x1, y0) + corner(x0, y0)
 }
 
+/// [`texel_solid_angle`] of all texels of a map without apron, in the order of [`texel_index`].
+pub fn solid_angles(resolution: usize) -> impl Iterator<Item = f64> {
+    (0..FACE_COUNT * resolution * resolution)
+        .map(move |index| texel_solid_angle(index % resolution, index / resolution % resolution, resolution))
+}
+
 /// Surrounds a map with its apron, in the caller's memory: `texel` reads the map without apron by
 /// [`texel_index`].
 ///

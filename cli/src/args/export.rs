@@ -16,12 +16,12 @@ use std::path::PathBuf;
 /// compressed; .glb, glTF with KHR_gaussian_splatting and an extension with the shading attributes;
 /// .usda and .usdz, OpenUSD with materials as primvars and the light as a dome.
 /// Light: .hdr or .exr, lat-long; .ktx2, prefiltered as by specula prefilter, and described in a
-/// .json of the same name. Mesh: .obj, or .ply with --mesh, fused from rendered depth maps; .glb
-/// with --mesh, a smoother mesh of fewer triangles with textures of a model's physical materials
-/// and normals, for engines and path tracers, and --sun, --lamp and --lights as its lights. Page:
-/// .html, one file with the scene and a renderer that any browser with WebGPU runs, where it can be
-/// relit; or a folder for a web server, whose name ends in a slash. A page starts under --env, with
-/// --sun, --lamp and --lights, on --ground.
+/// .json of the same name. Mesh: .obj, or .ply with --mesh, fused from rendered depth maps; .glb,
+/// .usda and .usdz with --mesh, a smoother mesh of fewer triangles with textures of a model's
+/// physical materials and normals, for engines, path tracers and phones; a .glb has --sun, --lamp
+/// and --lights as its lights. Page: .html, one file with the scene and a renderer that any browser
+/// with WebGPU runs, where it can be relit; or a folder for a web server, whose name ends in a
+/// slash. A page starts under --env, with --sun, --lamp and --lights, on --ground.
 ///
 /// Other programs do not implement the shading function. With --bake sh, the default, the colours
 /// of shaded Gaussians are baked into spherical harmonics, fitted to the directions from which the
@@ -43,7 +43,7 @@ Examples:
   specula export out/chair -o light.exr light.ktx2
   specula export out/garden -o garden.splat --upright           # photographs, upright
   specula export out/chair -o chair.obj --voxels 384
-  specula export out/spheres -o spheres.glb --mesh              # for engines
+  specula export out/spheres -o spheres.glb spheres.usdz --mesh # for engines and phones
   specula export out/spheres -o blender.glb sunset.hdr --mesh --env sunset --sun 30,45
   specula export out/spheres -o spheres.html --env sunset --sun 30,45 --ground
   specula export out/chair -o chair.html --page-env sunset.hdr studio.exr
@@ -85,14 +85,14 @@ pub(crate) struct Export {
     /// Store the numbers of a page in full, in five times the space, instead of rounded.
     #[arg(long)]
     pub(crate) page_exact: bool,
-    /// Write .ply files as meshes, .glb files as meshes with textures.
+    /// Write .ply files as meshes, .glb, .usda and .usdz files as meshes with textures.
     #[arg(long)]
     pub(crate) mesh: bool,
     /// Largest number of triangles of a mesh, smoothed by the scene's normals, such as 20k; by
-    /// default 50000 in .glb, else all, as fused.
+    /// default 50000 with textures, else all, as fused.
     #[arg(long, value_name = "N", value_parser = triangles)]
     pub(crate) triangles: Option<usize>,
-    /// Rows and columns of the textures of a .glb mesh; by default 2048.
+    /// Rows and columns of the textures of a mesh; by default 2048.
     #[arg(long, value_name = "N", value_parser = texture_size)]
     pub(crate) texture: Option<u32>,
     /// Voxels along the longest edge of the volume that a mesh is fused in.

@@ -19,7 +19,14 @@ use specula_core::{
     scene::Environment,
 };
 use specula_cpu::CpuExecutor;
-use specula_io::{Error, glb::textured, latlong, mesh, orientation::Orientation, origin};
+use specula_io::{
+    Error,
+    glb::textured,
+    latlong,
+    mesh::{self, TexturedMesh},
+    orientation::Orientation,
+    origin, usd,
+};
 use specula_scene::{
     OpenedModel, RenderOptions, Scene, SceneError, Shading,
     backdrop::BackgroundColor,
@@ -38,7 +45,7 @@ use specula_scene::{
 };
 use std::{
     collections::{BTreeMap, btree_map::Entry},
-    fs,
+    fs, iter,
     path::{Path, PathBuf},
 };
 
@@ -65,27 +72,29 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     if let Some(twice) = (1..args.output.len()).find(|index| args.output[..*index].contains(&args.output[*index])) {
         return Err(Failure::Input(format!("{:?} is named twice with -o", args.output[twice])));
     }
-    let has_textures = formats.contains(&ExportFormat::TexturedMesh);
+    let has_textures = formats.iter().any(ExportFormat::has_textures);
     let has_mesh = has_textures || formats.contains(&ExportFormat::Mesh);
     if args.mesh && !has_mesh {
         return Err(Failure::Input(
-            "--mesh writes .ply and .glb files as meshes; name one with -o, or a .obj".to_owned(),
+            "--mesh writes .ply, .glb, .usda and .usdz files as meshes; name one with -o, or a .obj".to_owned(),
         ));
     }
     if args.triangles.is_some() && !has_mesh {
         return Err(Failure::Input("--triangles applies to meshes; write one with --mesh -o FILE.glb".to_owned()));
     }
     if args.texture.is_some() && !has_textures {
-        return Err(Failure::Input("--texture applies to .glb meshes; write one with --mesh -o FILE.glb".to_owned()));
+        return Err(Failure::Input(
+            "--texture applies to .glb and .usdz meshes; write one with --mesh -o FILE.glb".to_owned(),
+        ));
     }
     let is_page = |format: &ExportFormat| matches!(format, ExportFormat::Page | ExportFormat::PageFolder);
     let has_page = formats.iter().any(is_page);
     let FirstLights { lamps: LampOptions { sun, lamp, lights: file }, ground } = &args.first;
     let has_lamps = !sun.is_empty() || !lamp.is_empty() || file.is_some();
-    if has_lamps && !has_page && !has_textures {
+    if has_lamps && !has_page && !formats.contains(&ExportFormat::TexturedMesh) {
         return Err(Failure::Input(
-            "--sun, --lamp and --lights apply to pages and to meshes with materials; write one with -o FILE.html, or with \
-             --mesh -o FILE.glb"
+            "--sun, --lamp and --lights apply to pages and to .glb meshes; write one with -o FILE.html, or with --mesh -o \
+             FILE.glb"
                 .to_owned(),
         ));
     }
@@ -109,8 +118,8 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         .try_for_each(|path| prefilter::refuse_to_replace(&path))?;
     note_oddities(&opened);
     scene::refuse_light_beside(args.env.as_deref(), &args.light)?;
-    let is_of_materials = |format: &ExportFormat| *format == ExportFormat::TexturedMesh;
-    if args.env.is_some() && opened.scene.gaussians.layout.is_physical && formats.iter().all(is_of_materials) {
+    let is_only_materials = formats.iter().all(ExportFormat::has_textures);
+    if args.env.is_some() && opened.scene.gaussians.layout.is_physical && is_only_materials {
         return Err(Failure::Input(
             "--env has no effect on a mesh of materials, which have no light; write the light beside it, such as with \
              -o mesh.glb light.hdr, or omit --env"
@@ -147,7 +156,7 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
     let up = opened.orientation(args.scene_options.scene_up.map(Into::into))?;
     let has_node = |format: &ExportFormat| match format {
         ExportFormat::Gaussians(format) => format.has_node(),
-        format => *format == ExportFormat::TexturedMesh,
+        format => format.has_textures(),
     };
     if args.upright || formats.iter().any(has_node) {
         note_guessed_up(&up);
@@ -164,7 +173,7 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
         .output
         .iter()
         .zip(formats)
-        .partition(|(_, format)| !matches!(format, ExportFormat::Mesh | ExportFormat::TexturedMesh));
+        .partition(|(_, format)| *format != ExportFormat::Mesh && !format.has_textures());
     files.extend(meshes);
     for (path, format) in files {
         match exporter.write(path, format, &mut baked) {
@@ -184,10 +193,11 @@ struct Baked {
     /// By degree.
     plains: BTreeMap<u8, PlainGaussians>,
     references: Option<ReferencePictures>,
+    textured: Option<Fused<TexturedMesh>>,
 }
 
 fn format_of(path: &Path, is_mesh: bool) -> Result<ExportFormat, Failure> {
-    let expected = ".ply, .splat, .spz, .glb, .usda or .usdz (Gaussians), .glb with --mesh (mesh with materials, for Blender), .obj \
+    let expected = ".ply, .splat, .spz, .glb, .usda or .usdz (Gaussians), .glb or .usdz with --mesh (mesh with materials), .obj \
                     (mesh), .hdr, .exr or .ktx2 (light), .html or a slash (page)";
     if path.as_os_str().to_string_lossy().ends_with(std::path::is_separator) {
         return Ok(ExportFormat::PageFolder);
@@ -222,7 +232,13 @@ impl Exporter<'_> {
             ExportFormat::LatLong => return self.write_map(path),
             ExportFormat::PrefilteredLight => return self.write_prefiltered(path),
             ExportFormat::Mesh => return self.write_mesh(path),
-            ExportFormat::TexturedMesh => return self.write_textured_mesh(path),
+            ExportFormat::TexturedMesh | ExportFormat::MeshStage => {
+                if baked.textured.is_none() {
+                    baked.textured = self.fuse_textured()?;
+                }
+                let fused = baked.textured.as_ref().ok_or_else(|| self.no_surface())?;
+                return self.write_textured_mesh(path, format, fused);
+            }
             ExportFormat::Page => return self.write_page(path, false),
             ExportFormat::PageFolder => return self.write_page(path, true),
             ExportFormat::Gaussians(format) => format,
@@ -457,26 +473,50 @@ impl Exporter<'_> {
         self.say_mesh(path, count, omitted, &format!("colours are the mean over {} views", cameras.len()))
     }
 
-    fn write_textured_mesh(&self, path: &Path) -> Result<(), Failure> {
-        let (cameras, texels) = (self.fused_cameras()?, self.args.texture.unwrap_or(TEXELS));
+    fn texels(&self) -> u32 {
+        self.args.texture.unwrap_or(TEXELS)
+    }
+
+    /// Mesh with textures; `None` if no camera sees a surface.
+    fn fuse_textured(&self) -> Result<Option<Fused<TexturedMesh>>, Failure> {
+        let cameras = self.fused_cameras()?;
         let work = progress::work("fusing", 0);
         let progress = |done, all| work.done_of(done, all);
-        let size = (self.args.voxels, self.args.triangles.unwrap_or(TRIANGLES), texels);
+        let size = (self.args.voxels, self.args.triangles.unwrap_or(TRIANGLES), self.texels());
         let fused = fusion::fuse_textured(self.scene(), &cameras, size, &self.options(), progress);
         work.finish();
-        let Fused { mesh, omitted } = fused?.ok_or_else(|| self.no_surface())?;
+        Ok(fused?)
+    }
+
+    fn write_textured_mesh(
+        &self,
+        path: &Path,
+        format: ExportFormat,
+        Fused { mesh, omitted }: &Fused<TexturedMesh>,
+    ) -> Result<(), Failure> {
+        let (views, texels) = (self.fused_cameras()?.len(), self.texels());
         let placement = self.node(AxisConvention::YUp).node_transform();
-        let origin = if self.placement.is_some() { [0.0; 3] } else { self.opened.origin };
         let lamps = self.lights.lamps(orientation::up(&self.up));
-        textured::write(path, &mesh, &lamps, Some(placement), origin)?;
+        let mut left_out = "";
+        if format == ExportFormat::MeshStage {
+            let provenance = format!("exported by specula {}: a mesh", env!("CARGO_PKG_VERSION"));
+            let documentation = iter::once(provenance).chain(self.origin()).collect::<Vec<_>>().join("; ");
+            usd::write_mesh(path, mesh, &placement, &documentation)?;
+            if !lamps.is_empty() {
+                left_out = "; suns and lamps are only in .glb";
+            }
+        } else {
+            let origin = if self.placement.is_some() { [0.0; 3] } else { self.opened.origin };
+            textured::write(path, mesh, &lamps, Some(placement), origin)?;
+        }
         let content = match mesh.surface {
             Some(_) => "base colour, roughness and metalness are means",
             None => {
                 "without physical materials (train --relightable) the base colour contains the light: it is the mean"
             }
         };
-        let content = format!("textures of {texels} × {texels}; {content} over {} views", cameras.len());
-        self.say_mesh(path, [mesh.triangles.len(), mesh.positions.len()], omitted, &content)
+        let content = format!("textures of {texels} × {texels}; {content} over {views} views{left_out}");
+        self.say_mesh(path, [mesh.triangles.len(), mesh.positions.len()], *omitted, &content)
     }
 
     /// Cameras whose depths are fused.

@@ -847,7 +847,7 @@ fn an_upright_ply_has_y_down_and_towards_turned_directions_the_colours_that_it_h
     let mut meshes = specula();
     meshes.arg("export").arg(ball.model()).args(["--mesh", "-o"]).arg(ball.tiny.path("mesh.splat"));
     let refused = meshes.assert().code(2).get_output().clone();
-    assert!(String::from_utf8(refused.stderr).unwrap().contains("--mesh writes .ply and .glb files"));
+    assert!(String::from_utf8(refused.stderr).unwrap().contains("--mesh writes .ply, .glb, .usda and .usdz files"));
 }
 
 #[test]

@@ -4,6 +4,7 @@
 use crate::{
     export::{Ball, soft},
     python::{has_python, python},
+    textured,
 };
 use assert_cmd::Command;
 use core::time::Duration;
@@ -23,7 +24,8 @@ fn plyfile_reads_materials() {
     if !has_python("plyfile") {
         return;
     }
-    let (path, _) = Ball::under(soft).export("ball.ply", &["--bake", "materials", "--no-error"]);
+    let ball = Ball::under(soft);
+    let (path, _) = ball.export("ball.ply", &["--bake", "materials", "--no-error"]);
     checks(
         r#"
 import sys, numpy as np
@@ -108,6 +110,69 @@ assert texture.GetColorSpace() == Gf.ColorSpaceNames.LinearRec709
 validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
 faults = [fault.GetMessage() for fault in UsdValidation.ValidationContext(validators).Validate(stage)]
 assert len(validators) > 10
+assert not faults, faults
+"#,
+            &path,
+        );
+    }
+}
+
+#[test]
+fn openusd_reads_meshes_as_gltf_has_them() {
+    if !has_python("pxr.UsdValidation") {
+        return;
+    }
+    let ball = textured::ball();
+    textured::export(&ball, "ball.glb", &[]);
+    for name in ["ball.usda", "ball.usdz"] {
+        let (path, _) = textured::export(&ball, name, &[]);
+        checks(
+            r#"
+import sys, json, struct
+from array import array
+from pxr import Ar, Gf, Usd, UsdGeom, UsdShade, UsdValidation
+path = sys.argv[1]
+glb = open(path[:-4] + "glb", "rb").read()
+json_len = struct.unpack_from("<I", glb, 12)[0]
+gltf, blob = json.loads(glb[20:20 + json_len]), glb[28 + json_len:]
+def numbers(index, code):
+    accessor = gltf["accessors"][index]
+    view = gltf["bufferViews"][accessor["bufferView"]]
+    return array(code, blob[view["byteOffset"]:view["byteOffset"] + view["byteLength"]])
+primitive = gltf["meshes"][0]["primitives"][0]
+floats = {name: numbers(index, "f") for name, index in primitive["attributes"].items()}
+indices = numbers(primitive["indices"], "I")
+stage = Usd.Stage.Open(path)
+assert stage.GetDefaultPrim().GetPath() == "/Scene" and UsdGeom.GetStageUpAxis(stage) == "Y"
+mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/Scene/Mesh"))
+flat = lambda values: [x for value in values for x in value]
+near = lambda ours, theirs: len(ours) == len(theirs) and all(abs(a - b) < 1e-6 for a, b in zip(ours, theirs))
+assert near(flat(mesh.GetPointsAttr().Get()), floats["POSITION"])
+assert near(flat(mesh.GetNormalsAttr().Get()), floats["NORMAL"]) and mesh.GetNormalsInterpolation() == "vertex"
+assert list(mesh.GetFaceVertexIndicesAttr().Get()) == list(indices)
+assert set(mesh.GetFaceVertexCountsAttr().Get()) == {3} and mesh.GetSubdivisionSchemeAttr().Get() == "none"
+st = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st")
+flipped = [x if k % 2 == 0 else 1 - x for k, x in enumerate(floats["TEXCOORD_0"])]
+assert st.GetInterpolation() == "vertex" and near(flat(st.Get()), flipped)
+material, _ = UsdShade.MaterialBindingAPI(mesh).ComputeBoundMaterial()
+surface, _, _ = material.ComputeSurfaceSource()
+assert surface.GetIdAttr().Get() == "UsdPreviewSurface"
+for name, file, output, space in (
+    ("diffuseColor", "base_color", "rgb", "sRGB"),
+    ("roughness", "roughness_metallic", "g", "raw"),
+    ("metallic", "roughness_metallic", "b", "raw"),
+    ("normal", "normals", "rgb", "raw"),
+):
+    source = surface.GetInput(name).GetConnectedSources()[0][0]
+    texture = UsdShade.Shader(source.source.GetPrim())
+    assert texture.GetIdAttr().Get() == "UsdUVTexture" and source.sourceName == output, name
+    asset = texture.GetInput("file").Get()
+    assert asset.path.endswith(file + ".png") and texture.GetInput("sourceColorSpace").Get() == space, name
+    assert Ar.GetResolver().OpenAsset(Ar.ResolvedPath(asset.resolvedPath)).GetSize() > 100
+low, high = mesh.GetExtentAttr().Get()
+assert all(low[k] <= p[k] <= high[k] for p in mesh.GetPointsAttr().Get() for k in range(3))
+validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+faults = [fault.GetMessage() for fault in UsdValidation.ValidationContext(validators).Validate(stage)]
 assert not faults, faults
 "#,
             &path,

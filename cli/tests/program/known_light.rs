@@ -2,7 +2,7 @@
 
 use crate::tiny::{Tiny, specula, train_relightable};
 use serde_json::Value;
-use specula_core::cubemap::texel_solid_angle;
+use specula_core::cubemap::solid_angles;
 use specula_io::latlong::{self, LatLong};
 use std::fs;
 
@@ -96,8 +96,7 @@ fn a_light_of_known_mean_has_it_and_its_shape_is_found() {
 /// Mean of a cube map of this resolution over all directions.
 fn mean_of(radiance: &[f32], resolution: usize) -> [f64; 3] {
     let mut sums = [0.0; 4];
-    for (index, rgb) in radiance.chunks(3).enumerate() {
-        let weight = texel_solid_angle(index % resolution, index / resolution % resolution, resolution);
+    for (rgb, weight) in radiance.chunks(3).zip(solid_angles(resolution)) {
         (0..3).for_each(|k| sums[k] += weight * f64::from(rgb[k]));
         sums[3] += weight;
     }

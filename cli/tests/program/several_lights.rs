@@ -85,7 +85,7 @@ fn two_lights_are_trained_resumed_measured_and_rendered() {
     train(&tiny, "model", Some(&table)).arg("--resume").assert().success();
     assert!(bits(&tiny, "model") == whole, "the same bits");
     let said = stdout(specula().arg("info").arg(&model));
-    assert!(said.contains("1 \"noon\", of 7 pictures; 2 \"evening\", of 4 pictures"), "{said}");
+    assert!(said.contains("1 \"noon\", of 4 training pictures; 2 \"evening\", of 4 training pictures"), "{said}");
 
     let eval = |words: &[&str]| {
         let said = stdout(specula().arg("eval").arg(&model).args(["--json", "--executor", "cpu"]).args(words));

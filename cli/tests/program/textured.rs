@@ -28,7 +28,7 @@ const TEXELS: u32 = 128;
 const HALVES: [([f32; 3], f32, f32); 2] = [([0.7, 0.5, 0.2], 0.3, 0.25), ([0.1, 0.3, 0.6], 0.7, 0.9)];
 
 /// Ball of two materials.
-fn ball() -> Ball {
+pub(crate) fn ball() -> Ball {
     let mut ball = Ball::under(soft);
     let first = ball.gaussians.layout.physical_planes().unwrap();
     for index in 0..ball.gaussians.count {
@@ -94,7 +94,7 @@ impl Textured {
     }
 }
 
-fn export(ball: &Ball, name: &str, words: &[&str]) -> (PathBuf, String) {
+pub(crate) fn export(ball: &Ball, name: &str, words: &[&str]) -> (PathBuf, String) {
     let (triangles, texels) = (TRIANGLES.to_string(), TEXELS.to_string());
     let size = ["--mesh", "--voxels", VOXELS, "--triangles", &triangles, "--texture", &texels];
     ball.export(name, &[&size, words].concat())
@@ -188,6 +188,26 @@ fn without_materials_the_base_color_is_that_of_pictures() {
 }
 
 #[test]
+fn a_stage_has_the_textures_of_the_gltf_file() {
+    let ball = ball();
+    let (gltf, stage) = (ball.tiny.path("ball.glb"), ball.tiny.path("ball.usda"));
+    let (_, said) = export(&ball, "ball.glb", &["--sun", "0,45", "-o", stage.to_str().unwrap()]);
+    assert!(said.contains("ball.usda") && said.contains("suns and lamps are only in .glb"), "{said}");
+    let mesh = Textured::open(&gltf);
+    for (name, texture) in ["base_color", "roughness_metallic", "normals"].iter().zip(&mesh.textures) {
+        let beside = image::open(ball.tiny.path(&format!("ball.{name}.png"))).unwrap().into_rgb8();
+        assert!(Some(&beside) == texture.as_ref(), "{name} is another picture");
+    }
+    let (plain, _) = ball.export("plain.ply", &["--no-error"]);
+    let unlit = ball.tiny.path("plain.usda");
+    let mut command = specula();
+    command.arg("export").arg(&plain).arg("-o").arg(&unlit).args(["--mesh", "--voxels", VOXELS, "--texture", "64"]);
+    command.args(["--triangles", "500", "--quiet"]).assert().success();
+    let text = fs::read_to_string(unlit).unwrap();
+    assert!(text.contains("emissiveColor.connect") && !text.contains("inputs:normal"), "colours contain the light");
+}
+
+#[test]
 fn bad_sizes_are_refused() {
     let ball = Ball::under(soft);
     let refused = |name: &str, words: &[&str], expected: &str| {
@@ -203,10 +223,11 @@ fn bad_sizes_are_refused() {
     refused("ball.glb", &["--mesh", "--texture", "9000"], "from 64 to 8192");
     refused("ball.glb", &["--mesh", "--env", "sunset"], "no effect on a mesh of materials");
     refused("ball.glb", &["--mesh", "--ground"], "apply to pages");
-    refused("ball.obj", &["--sun", "0,45"], "to meshes with materials");
+    refused("ball.obj", &["--sun", "0,45"], "to .glb meshes");
+    refused("ball.usdz", &["--mesh", "--sun", "0,45"], "to .glb meshes");
     refused("ball.glb", &["--mesh", "--lamp", "0,0,1e10,1"], "lamp 0 has");
     refused("ball.glb", &["--triangles", "500"], "--triangles applies to meshes");
-    refused("ball.obj", &["--texture", "512"], "--texture applies to .glb meshes");
+    refused("ball.obj", &["--texture", "512"], "--texture applies to .glb and .usdz meshes");
 }
 
 #[test]

@@ -82,6 +82,7 @@ pub fn halved(light: &Environment<Vec<f32>>) -> Environment<Vec<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use specula_core::cubemap::solid_angles;
     use specula_oracle::scenes::random_environment;
 
     /// Rounding of `f32` in a sum of some thousand terms.
@@ -89,16 +90,14 @@ mod tests {
 
     /// Integral of radiance over the sphere.
     fn whole(light: &Environment<Vec<f32>>) -> f64 {
-        let size = light.resolution;
-        let texel = |index: usize| {
-            let radiance: f64 = match light.activation {
+        let radiance = |index: usize| -> f64 {
+            match light.activation {
                 RadianceActivation::Identity => light.values[3 * index].into(),
                 RadianceActivation::Exponential => f64::from(light.values[3 * index]).exp(),
                 RadianceActivation::Network => unreachable!("the light is a cube map"),
-            };
-            radiance * texel_solid_angle(index % size, index / size % size, size)
+            }
         };
-        (0..FACE_COUNT * size * size).map(texel).sum()
+        solid_angles(light.resolution).enumerate().map(|(index, angle)| radiance(index) * angle).sum()
     }
 
     #[test]

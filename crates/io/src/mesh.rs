@@ -1,8 +1,10 @@
-//! Triangle meshes with a colour and a normal at each vertex, as Wavefront OBJ and PLY.
+//! Triangle meshes: with a colour and a normal at each vertex, as Wavefront OBJ and PLY; with textures, as
+//! [glTF](crate::glb::textured) and [OpenUSD](crate::usd).
 
 use crate::{
     error::{Error, Result},
     latlong::ending,
+    picture::RgbImage,
     whole_file,
 };
 use std::{
@@ -21,6 +23,27 @@ pub struct Mesh {
     pub colors: Vec<[f32; 3]>,
     /// Vertices of each triangle, counterclockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
+}
+
+/// Triangles with textures, rows of which start at v = 0.
+#[derive(Clone, Debug)]
+pub struct TexturedMesh {
+    /// Positions in world space.
+    pub positions: Vec<[f32; 3]>,
+    /// Outward unit normals.
+    pub normals: Vec<[f32; 3]>,
+    /// Unit tangents along u, and the sign w of the bitangents w n × t, along −v.
+    pub tangents: Vec<[f32; 4]>,
+    /// Texture coordinates, in \[0, 1\], from the upper left corner.
+    pub uvs: Vec<[f32; 2]>,
+    /// Vertices of each triangle, counterclockwise seen from outside.
+    pub triangles: Vec<[u32; 3]>,
+    /// Base colour, sRGB-encoded.
+    pub base_color: RgbImage,
+    /// Roughness (green) and metalness (blue); without it the base colour contains the light.
+    pub surface: Option<RgbImage>,
+    /// Normals in the space of tangents, bitangents and normals, −1 to 1 as 0 to 255.
+    pub normal_map: Option<RgbImage>,
 }
 
 /// Writes `.obj`, with vertex colours after positions as most programs expect, or `.ply`, with one

@@ -1,11 +1,13 @@
-//! Gaussians as OpenUSD stages, `.usda` (text) and `.usdz` (an archive with the texture of the
-//! light): the schema `ParticleField3DGaussianSplat` of OpenUSD 26.03.
+//! OpenUSD stages, `.usda` (text, with its textures beside it) and `.usdz` (an archive): Gaussians by
+//! the schema `ParticleField3DGaussianSplat` of OpenUSD 26.03, or a mesh with textures.
 //!
 //! | prim | contents |
 //! |---|---|
 //! | `/Scene` | `Xform`, the default prim, with the placement of the scene |
 //! | `/Scene/Gaussians` | positions, orientations (w, x, y, z), scales, opacities, harmonics |
 //! | `/Scene/Light` | `DomeLight` with a lat-long OpenEXR texture of linear radiance |
+//! | `/Scene/Mesh` | triangles, with normals and texture coordinates `st` at each vertex |
+//! | `/Scene/Surface` | `UsdPreviewSurface` of the mesh, with its textures |
 //!
 //! Scales are linear, opacities from 0 to 1; orientations are w, x, y, z. Colours are
 //! ½ + Σ Y_k c_k of the harmonics, Gaussian by Gaussian, and sRGB-encoded, which
@@ -20,6 +22,8 @@ use crate::{
     gaussian_ply::SurfaceMaterial,
     glb::Placement,
     latlong::{self, LatLong, MapOrientation, UpAxis, ending},
+    mesh::TexturedMesh,
+    picture::to_png,
     splat::unit,
     whole_file,
 };
@@ -44,6 +48,10 @@ const ALIGNMENT: u16 = 64;
 const SRGB: &str = "srgb_rec709_scene";
 /// Linear colour space with Rec. 709's primaries.
 const LINEAR: &str = "lin_rec709_scene";
+/// Textures of a mesh: base colour; roughness and metalness; normals.
+const BASE_COLOR: &str = "base_color.png";
+const SURFACE: &str = "roughness_metallic.png";
+const NORMALS: &str = "normals.png";
 
 /// Contents of a stage.
 #[derive(Clone, Copy, Debug)]
@@ -70,77 +78,122 @@ pub fn dome_orientation() -> MapOrientation {
     MapOrientation::rotated(UpAxis::Y, DQuat::from_axis_angle(DVec3::Y, core::f64::consts::PI))
 }
 
-/// Writes a stage: `.usdz` with its texture, or any other extension as text, with the texture
-/// beside it as `NAME.light.exr`.
+/// Writes Gaussians and their light, whose texture is `light.exr`: `.usdz` with its texture, or any
+/// other extension as text, with the texture beside it as `NAME.light.exr`.
 ///
 /// # Errors
 ///
 /// [`Error::Write`] if a file cannot be written; [`Error::TooLong`] for an archive above 4 GiB.
 pub fn write(path: &Path, stage: &Stage<'_>) -> Result<()> {
-    let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let texture = format!("{name}.light.exr");
+    const LIGHT: &str = "light.exr";
+    let light = stage.light.map(|light| Ok((LIGHT, exr(path, light)?))).transpose()?;
+    write_files(path, light.as_slice(), |out, prefix| {
+        write_scene(out, stage.documentation, stage.up, stage.placement, |out| {
+            write_gaussians(out, stage)?;
+            if light.is_none() {
+                return Ok(());
+            }
+            write!(
+                out,
+                "\n    def DomeLight \"Light\"\n    {{\n        asset inputs:texture:file = @./{prefix}{LIGHT}@ (\n"
+            )?;
+            write!(out, "            colorSpace = \"{LINEAR}\"\n        )\n")?;
+            write!(out, "        token inputs:texture:format = \"latlong\"\n    }}\n")
+        })
+    })
+}
+
+/// Writes a mesh with its textures `base_color.png`, `roughness_metallic.png` and `normals.png`, as
+/// [`write()`] does; the stage has y up. Without materials its base colour is emitted.
+///
+/// # Errors
+///
+/// Those of [`write()`].
+pub fn write_mesh(path: &Path, mesh: &TexturedMesh, placement: &Placement, documentation: &str) -> Result<()> {
+    let pictures =
+        [(BASE_COLOR, Some(&mesh.base_color)), (SURFACE, mesh.surface.as_ref()), (NORMALS, mesh.normal_map.as_ref())];
+    let textures: Vec<(&str, Vec<u8>)> =
+        pictures.into_iter().filter_map(|(name, picture)| Some((name, to_png(picture?)))).collect();
+    write_files(path, &textures, |out, prefix| {
+        write_scene(out, documentation, UpAxis::Y, Some(placement), |out| {
+            write_triangles(out, mesh)?;
+            write_surface(out, mesh, prefix)
+        })
+    })
+}
+
+/// Bytes of a map as OpenEXR.
+fn exr(path: &Path, map: &LatLong) -> Result<Vec<u8>> {
+    let write_error = |cause: io::Error| Error::Write { path: path.to_owned(), cause };
+    let folder = tempfile::tempdir().map_err(write_error)?;
+    let file = folder.path().join("map.exr");
+    latlong::write(&file, map)?;
+    fs::read(&file).map_err(write_error)
+}
+
+/// Writes the text of a stage and its textures: into an archive for `.usdz`, else as text with the
+/// textures beside it. `text` is given the prefix of their names.
+fn write_files(
+    path: &Path,
+    textures: &[(&str, Vec<u8>)],
+    text: impl Fn(&mut dyn Write, &str) -> io::Result<()>,
+) -> Result<()> {
     if ending(path).as_deref() != Some("usdz") {
-        if let Some(light) = stage.light {
-            latlong::write(&path.with_file_name(&texture), light)?;
-        }
-        return whole_file::write(path, |out| write_text(out, stage, &texture));
+        let prefix = format!("{}.", path.file_stem().unwrap_or_default().to_string_lossy());
+        let beside = |(name, bytes): &(&str, Vec<u8>)| {
+            whole_file::write_bytes(&path.with_file_name(format!("{prefix}{name}")), bytes)
+        };
+        textures.iter().try_for_each(beside)?;
+        return whole_file::write(path, |out| text(out, &prefix));
     }
     let write_error = |cause: io::Error| Error::Write { path: path.to_owned(), cause };
-    let mut text = Vec::new();
-    write_text(&mut text, stage, "light.exr").map_err(write_error)?;
-    let mut files = vec![("scene.usda", text)];
-    if let Some(light) = stage.light {
-        let folder = tempfile::tempdir().map_err(write_error)?;
-        let file = folder.path().join("light.exr");
-        latlong::write(&file, light)?;
-        files.push(("light.exr", fs::read(&file).map_err(write_error)?));
-    }
-    let len = files.iter().map(|(_, bytes)| bytes.len()).sum();
+    let mut scene = Vec::new();
+    text(&mut scene, "").map_err(write_error)?;
+    let len = scene.len() + textures.iter().map(|(_, bytes)| bytes.len()).sum::<usize>();
     if len > u32::MAX as usize {
         return Err(Error::TooLong { path: path.to_owned(), len });
     }
-    let bytes = archive(&files).map_err(|cause| write_error(io::Error::other(cause)))?;
+    let files = core::iter::once(("scene.usda", &scene[..])).chain(textures.iter().map(|(name, b)| (*name, &b[..])));
+    let bytes = archive(files).map_err(|cause| write_error(io::Error::other(cause)))?;
     whole_file::write_bytes(path, &bytes)
 }
 
 /// Archive without compression, whose files are aligned.
-fn archive(files: &[(&str, Vec<u8>)]) -> zip::result::ZipResult<Vec<u8>> {
+fn archive<'a>(files: impl Iterator<Item = (&'a str, &'a [u8])>) -> zip::result::ZipResult<Vec<u8>> {
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored).with_alignment(ALIGNMENT);
     for (name, bytes) in files {
-        zip.start_file(*name, options)?;
+        zip.start_file(name, options)?;
         zip.write_all(bytes)?;
     }
     Ok(zip.finish()?.into_inner())
 }
 
-fn write_text(out: &mut impl Write, stage: &Stage<'_>, texture: &str) -> io::Result<()> {
-    let up = if stage.up == UpAxis::Y { "Y" } else { "Z" };
-    let documentation: String =
-        stage.documentation.chars().filter(|c| !c.is_control() && !matches!(c, '"' | '\\')).collect();
+/// Writes a stage whose default prim has some `contents`.
+fn write_scene(
+    out: &mut dyn Write,
+    documentation: &str,
+    up: UpAxis,
+    placement: Option<&Placement>,
+    contents: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    let up = if up == UpAxis::Y { "Y" } else { "Z" };
+    let documentation: String = documentation.chars().filter(|c| !c.is_control() && !matches!(c, '"' | '\\')).collect();
     write!(out, "#usda 1.0\n(\n    defaultPrim = \"Scene\"\n    doc = \"{documentation}\"\n")?;
     write!(out, "    metersPerUnit = 1\n    upAxis = \"{up}\"\n)\n\n")?;
     write!(out, "def Xform \"Scene\" (\n    kind = \"component\"\n)\n{{\n")?;
-    if let Some(Placement { rotation: [x, y, z, w], translation, scale }) = stage.placement {
+    if let Some(Placement { rotation: [x, y, z, w], translation, scale }) = placement {
         writeln!(out, "    double3 xformOp:translate = {}", tuple(translation.iter()))?;
         writeln!(out, "    quatd xformOp:orient = {}", tuple([w, x, y, z].into_iter()))?;
         writeln!(out, "    double3 xformOp:scale = {}", tuple([scale; 3].into_iter()))?;
         out.write_all(b"    uniform token[] xformOpOrder = ")?;
         out.write_all(b"[\"xformOp:translate\", \"xformOp:orient\", \"xformOp:scale\"]\n")?;
     }
-    write_gaussians(out, stage)?;
-    if stage.light.is_some() {
-        write!(out, "\n    def DomeLight \"Light\"\n    {{\n")?;
-        write!(
-            out,
-            "        asset inputs:texture:file = @./{texture}@ (\n            colorSpace = \"{LINEAR}\"\n        )\n"
-        )?;
-        write!(out, "        token inputs:texture:format = \"latlong\"\n    }}\n")?;
-    }
+    contents(out)?;
     writeln!(out, "}}")
 }
 
-fn write_gaussians(out: &mut impl Write, stage: &Stage<'_>) -> io::Result<()> {
+fn write_gaussians(out: &mut dyn Write, stage: &Stage<'_>) -> io::Result<()> {
     let Stage { gaussians, normals, materials, .. } = *stage;
     let all = || 0..gaussians.count;
     let layout = gaussians.layout;
@@ -148,14 +201,8 @@ fn write_gaussians(out: &mut impl Write, stage: &Stage<'_>) -> io::Result<()> {
     writeln!(out, "    def ParticleField3DGaussianSplat \"Gaussians\" (")?;
     write!(out, "        prepend apiSchemas = [\"ColorSpaceAPI\"]\n    )\n    {{\n")?;
     writeln!(out, "        uniform token colorSpace:name = \"{SRGB}\"")?;
-    let mut extent = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
-    for gaussian in all() {
-        let size = scales(gaussian).into_iter().fold(0.0, f32::max);
-        for (k, x) in gaussians.get::<3>(gaussian, MEAN).into_iter().enumerate() {
-            extent[0][k] = extent[0][k].min(x - DEVIATIONS * size);
-            extent[1][k] = extent[1][k].max(x + DEVIATIONS * size);
-        }
-    }
+    let size = |gaussian: usize| DEVIATIONS * scales(gaussian).into_iter().fold(0.0, f32::max);
+    let extent = extent(all().map(|gaussian| (gaussians.get(gaussian, MEAN), size(gaussian))));
     array(out, "float3[] extent", extent.into_iter(), "")?;
     array(out, "point3f[] positions", all().map(|gaussian| gaussians.get::<3>(gaussian, MEAN)), "")?;
     array(out, "quatf[] orientations", all().map(|gaussian| unit(gaussians.get::<4>(gaussian, QUAT))), "")?;
@@ -183,11 +230,98 @@ fn write_gaussians(out: &mut impl Write, stage: &Stage<'_>) -> io::Result<()> {
     writeln!(out, "    }}")
 }
 
+/// Corners of the box around spheres, by their centres and radii.
+fn extent(spheres: impl Iterator<Item = ([f32; 3], f32)>) -> [[f32; 3]; 2] {
+    let mut extent = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+    for (centre, radius) in spheres {
+        for (k, x) in centre.into_iter().enumerate() {
+            extent[0][k] = extent[0][k].min(x - radius);
+            extent[1][k] = extent[1][k].max(x + radius);
+        }
+    }
+    extent
+}
+
+fn write_triangles(out: &mut dyn Write, mesh: &TexturedMesh) -> io::Result<()> {
+    const OF_VERTICES: &str = "interpolation = \"vertex\"";
+    writeln!(out, "    def Mesh \"Mesh\" (\n        prepend apiSchemas = [\"MaterialBindingAPI\"]\n    )\n    {{")?;
+    writeln!(out, "        rel material:binding = </Scene/Surface>")?;
+    writeln!(out, "        uniform token subdivisionScheme = \"none\"")?;
+    array(out, "float3[] extent", extent(mesh.positions.iter().map(|place| (*place, 0.0))).into_iter(), "")?;
+    array(out, "int[] faceVertexCounts", mesh.triangles.iter().map(|_| [3]), "")?;
+    array(out, "int[] faceVertexIndices", mesh.triangles.as_flattened().iter().map(|index| [*index]), "")?;
+    array(out, "point3f[] points", mesh.positions.iter().copied(), "")?;
+    array(out, "normal3f[] normals", mesh.normals.iter().copied(), OF_VERTICES)?;
+    // From the lower left corner.
+    array(out, "texCoord2f[] primvars:st", mesh.uvs.iter().map(|[u, v]| [*u, 1.0 - v]), OF_VERTICES)?;
+    writeln!(out, "    }}")
+}
+
+fn write_surface(out: &mut dyn Write, mesh: &TexturedMesh, prefix: &str) -> io::Result<()> {
+    let input = |name: &str, from: &str| format!("            {name}.connect = </Scene/Surface/{from}>\n");
+    let mut inputs = match &mesh.surface {
+        Some(_) => {
+            input("color3f inputs:diffuseColor", "BaseColor.outputs:rgb")
+                + &input("float inputs:roughness", "RoughnessMetallic.outputs:g")
+                + &input("float inputs:metallic", "RoughnessMetallic.outputs:b")
+        }
+        None => {
+            let black = ["diffuseColor", "specularColor"]
+                .map(|name| format!("            color3f inputs:{name} = (0, 0, 0)\n"));
+            black.concat()
+                + "            int inputs:useSpecularWorkflow = 1\n"
+                + &input("color3f inputs:emissiveColor", "BaseColor.outputs:rgb")
+        }
+    };
+    if mesh.normal_map.is_some() {
+        inputs += &input("normal3f inputs:normal", "Normals.outputs:rgb");
+    }
+    write!(out, "\n    def Material \"Surface\"\n    {{\n")?;
+    write!(out, "        token outputs:surface.connect = </Scene/Surface/Preview.outputs:surface>\n\n")?;
+    shader(out, "Preview", "UsdPreviewSurface", &(inputs + "            token outputs:surface\n"))?;
+    let reader = "            string inputs:varname = \"st\"\n            float2 outputs:result\n";
+    shader(out, "Coordinates", "UsdPrimvarReader_float2", reader)?;
+    texture(out, "BaseColor", &format!("{prefix}{BASE_COLOR}"), "sRGB", "            float3 outputs:rgb\n")?;
+    if mesh.surface.is_some() {
+        let outputs = "            float outputs:g\n            float outputs:b\n";
+        texture(out, "RoughnessMetallic", &format!("{prefix}{SURFACE}"), "raw", outputs)?;
+    }
+    if mesh.normal_map.is_some() {
+        let range =
+            "            float4 inputs:bias = (-1, -1, -1, 0)\n            float4 inputs:scale = (2, 2, 2, 1)\n";
+        texture(
+            out,
+            "Normals",
+            &format!("{prefix}{NORMALS}"),
+            "raw",
+            &format!("{range}            float3 outputs:rgb\n"),
+        )?;
+    }
+    writeln!(out, "    }}")
+}
+
+/// Writes a texture's reader with its outputs.
+fn texture(out: &mut dyn Write, name: &str, file: &str, space: &str, outputs: &str) -> io::Result<()> {
+    let wrap = ["S", "T"].map(|axis| format!("            token inputs:wrap{axis} = \"clamp\"\n")).concat();
+    let coordinates = "            float2 inputs:st.connect = </Scene/Surface/Coordinates.outputs:result>\n";
+    let file = format!("            asset inputs:file = @./{file}@\n");
+    let space = format!("            token inputs:sourceColorSpace = \"{space}\"\n");
+    shader(out, name, "UsdUVTexture", &[&file, &space, coordinates, &wrap, outputs].concat())
+}
+
+/// Writes a shader with the lines of its inputs and outputs.
+fn shader(out: &mut dyn Write, name: &str, id: &str, lines: &str) -> io::Result<()> {
+    write!(
+        out,
+        "        def Shader \"{name}\"\n        {{\n            uniform token info:id = \"{id}\"\n{lines}        }}\n"
+    )
+}
+
 /// Writes an attribute with an array of numbers or tuples, and its metadata, if there is any.
 fn array<const N: usize>(
-    out: &mut impl Write,
+    out: &mut dyn Write,
     attribute: &str,
-    numbers: impl Iterator<Item = [f32; N]>,
+    numbers: impl Iterator<Item = [impl Display; N]>,
     metadata: &str,
 ) -> io::Result<()> {
     write!(out, "        {attribute} = [")?;
@@ -223,7 +357,7 @@ mod tests {
     #[test]
     fn files_of_an_archive_are_aligned_and_not_compressed() {
         let files = [("scene.usda", vec![b'a'; 1000]), ("light.exr", vec![b'b'; 77])];
-        let bytes = archive(&files).unwrap();
+        let bytes = archive(files.iter().map(|(name, bytes)| (*name, &bytes[..]))).unwrap();
         for (_, contents) in files {
             let start = bytes.windows(contents.len()).position(|window| window == contents);
             assert_eq!(start.map(|start| start % usize::from(ALIGNMENT)), Some(0));

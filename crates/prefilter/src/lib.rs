@@ -19,7 +19,7 @@ pub mod sparse;
 use crate::sparse::{Linear, Sparse};
 use rayon::prelude::*;
 use specula_core::{
-    cubemap::{FACE_COUNT, apron_sources, texel_direction, texel_index, texel_solid_angle},
+    cubemap::{FACE_COUNT, apron_sources, solid_angles, texel_direction, texel_index},
     double::Double,
     light_view::TexelMap,
     prefilter::{
@@ -135,8 +135,7 @@ impl NodeTable {
         let mut resolution = finest;
         while resolution >= COARSEST {
             // They are the same on each face.
-            let angle = |texel: usize| texel_solid_angle(texel % resolution, texel / resolution, resolution);
-            let angles: Vec<f64> = (0..resolution * resolution).map(angle).collect();
+            let angles: Vec<f64> = solid_angles(resolution).take(resolution * resolution).collect();
             let texels = each_texel(resolution)
                 .map(|(face, column, row)| {
                     let [x, y, z] = texel_direction(face, column, row, resolution).map(Double);

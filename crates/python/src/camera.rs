@@ -187,7 +187,7 @@ pub(crate) fn load_views(py: Python<'_>, dataset: PathBuf, split: &str, downscal
     if !["train", "test"].contains(&split) {
         return Err(Failure::input(format!("{split:?} is no split; use train or test")).into());
     }
-    let options = LoadOptions { with_test: split == "test", downscale, ..LoadOptions::default() };
+    let options = LoadOptions { with_test: true, downscale, ..LoadOptions::default() };
     let data = try_compute(py, || Ok(Dataset::load(&dataset, &options, |_, _| {})?))?;
     let views = if split == "test" { data.test } else { data.train };
     let view = |view: specula_train::view::View| -> PyResult<View> {

@@ -55,6 +55,11 @@ def test_views_and_cameras(dataset):
         sg.load_views(dataset, "all")
 
 
+def test_no_view_is_both_trained_on_and_held_out(dataset):
+    train, test = ({tuple(view.camera.position) for view in sg.load_views(dataset, split, downscale=8)} for split in ("train", "test"))
+    assert len(train) == 56 and len(test) == 12 and not train & test
+
+
 def test_a_scene_renders_as_its_gaussians_rasterise(plain):
     scene = sg.Scene.load(plain)
     assert not scene.is_shaded and not scene.has_materials and len(scene) > 0

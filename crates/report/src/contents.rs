@@ -17,7 +17,7 @@ use specula_io::{lint::Finding, model_folder::ModelInfo, origin, points_ply::Poi
 use specula_scene::{
     OpenedModel, Scene,
     dataset::{Dataset, points_of},
-    environment::{lights_of_lamps, radiance},
+    environment::{concentration_text, lights_of_lamps, radiance},
     light_turn::LightTurn,
     number::group_digits,
     orientation,
@@ -208,15 +208,16 @@ impl Contents {
     }
 
     /// Adds the names of the lights of groups of pictures, if there are several, with the number
-    /// of pictures of each.
+    /// of training pictures of each.
     fn add_light_names(&mut self, opened: &OpenedModel) -> Result<()> {
         let names = opened.info.as_ref().map(ModelInfo::light_names).unwrap_or_default();
         if names.is_empty() {
             return Ok(());
         }
         let cameras = opened.lit_cameras()?;
-        let count = |light: usize| cameras.iter().filter(|(_, camera)| camera.light as usize == light).count();
-        let text = |(light, name)| format!("{} {name:?}, of {} pictures", light + 1, count(light));
+        let trained = &cameras[opened.test_views().unwrap_or_default().min(cameras.len())..];
+        let count = |light: usize| trained.iter().filter(|(_, camera)| camera.light as usize == light).count();
+        let text = |(light, name)| format!("{} {name:?}, of {} training pictures", light + 1, count(light));
         let lights: Vec<String> = names.iter().enumerate().map(text).collect();
         self.add("lights", lights.join("; "), json!(names));
         self.add_lamps(opened, &names);
@@ -229,9 +230,7 @@ impl Contents {
         if found.is_empty() {
             return;
         }
-        let text = |(light, share): &(usize, f64)| {
-            format!("{:?} has {:.0} % of its radiance in 1 % of the directions", names[*light], 100.0 * share)
-        };
+        let text = |(light, share): &(usize, f64)| format!("{:?} has {}", names[*light], concentration_text(*share));
         let texts: Vec<String> = found.iter().map(text).collect();
         let facts: Vec<Value> =
             found.iter().map(|(light, share)| json!({"light": names[*light], "concentration": share})).collect();

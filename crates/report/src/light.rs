@@ -75,9 +75,7 @@ impl LightPair {
 
     /// Compares the lights; `None` if one of them is black or not finite.
     pub fn quality(&self) -> Option<LightQuality> {
-        let size = self.resolution;
-        let solid_angle = |index: usize| cubemap::texel_solid_angle(index % size, index / size % size, size);
-        let weights: Vec<f64> = (0..self.cubes[0].len() / 3).map(solid_angle).collect();
+        let weights: Vec<f64> = cubemap::solid_angles(self.resolution).collect();
         let [learned, truth] = self.cubes.each_ref().map(|cube| Logs::new(cube, &weights));
         let (learned, truth) = (learned?, truth?);
 

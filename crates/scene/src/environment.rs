@@ -1,7 +1,7 @@
 //! Environment maps at the resolutions that prefilters support.
 
 use specula_core::{
-    cubemap::texel_solid_angle,
+    cubemap::solid_angles,
     environment,
     prefilter::{Levels, PrefilterScheme, RESOLUTION_MAX},
     scene::Environment,
@@ -25,12 +25,8 @@ const LAMPS_MIN: f64 = 0.2;
 /// Share of a light's radiance that comes from the brightest hundredth of all directions, weighted
 /// by solid angle: 0.01 of a uniform light, 1 of a sun in a black sky; 0 of a black one.
 pub fn concentration(light: &Environment<Vec<f32>>) -> f64 {
-    let edge = light.resolution;
-    let texel = |(index, radiance): (usize, [f32; 3])| {
-        let solid_angle = texel_solid_angle(index % edge, index / edge % edge, edge);
-        (radiance.iter().sum::<f32>(), solid_angle)
-    };
-    let mut texels: Vec<(f32, f64)> = environment::texels(light).enumerate().map(texel).collect();
+    let sums = environment::texels(light).map(|radiance| radiance.iter().sum::<f32>());
+    let mut texels: Vec<(f32, f64)> = sums.zip(solid_angles(light.resolution)).collect();
     texels.sort_by(|one, other| other.0.total_cmp(&one.0));
     let mut left = BRIGHTEST * texels.iter().map(|(_, solid_angle)| solid_angle).sum::<f64>();
     let (mut bright, mut total) = (0.0, 0.0);
@@ -50,6 +46,11 @@ pub fn lights_of_lamps<'a>(lights: impl Iterator<Item = &'a Environment<Vec<f32>
     let count = all.len();
     let concentrated: Vec<_> = all.into_iter().filter(|(_, concentration)| *concentration >= LAMPS_MIN).collect();
     if concentrated.len() < count { concentrated } else { Vec::new() }
+}
+
+/// Words for a [`concentration`].
+pub fn concentration_text(concentration: f64) -> String {
+    format!("{:.0} % of its radiance in {:.0} % of the directions", 100.0 * concentration, 100.0 * BRIGHTEST)
 }
 
 /// Roughness levels that an environment is filtered into, at the resolution of [`fitting`].

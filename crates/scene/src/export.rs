@@ -121,8 +121,10 @@ pub enum ExportFormat {
     PrefilteredLight,
     /// Mesh of triangles.
     Mesh,
-    /// Mesh of triangles with textures.
+    /// Mesh of triangles with textures, as glTF.
     TexturedMesh,
+    /// Mesh of triangles with textures, as OpenUSD.
+    MeshStage,
     /// Page for a browser, with its renderer, in one file.
     Page,
     /// Page for a browser as files in a folder.
@@ -130,17 +132,23 @@ pub enum ExportFormat {
 }
 
 impl ExportFormat {
-    /// Format of an extension in lower case, without a dot; `.ply` and `.glb` hold meshes if
-    /// `is_mesh`.
+    /// Format of an extension in lower case, without a dot; `.ply`, `.glb`, `.usda` and `.usdz`
+    /// hold meshes if `is_mesh`.
     pub fn from_extension(extension: &str, is_mesh: bool) -> Option<Self> {
         match (extension, is_mesh) {
             ("obj", _) | ("ply", true) => Some(Self::Mesh),
             ("glb", true) => Some(Self::TexturedMesh),
+            ("usda" | "usdz", true) => Some(Self::MeshStage),
             ("hdr" | "exr", _) => Some(Self::LatLong),
             ("ktx2", _) => Some(Self::PrefilteredLight),
             ("html", _) => Some(Self::Page),
             _ => GaussianFormat::from_extension(extension).map(Self::Gaussians),
         }
+    }
+
+    /// Whether it is a mesh with textures.
+    pub fn has_textures(&self) -> bool {
+        matches!(self, Self::TexturedMesh | Self::MeshStage)
     }
 }
 

@@ -10,7 +10,10 @@ use specula_core::{
     rules::{Channels, channel},
     scene::{Gaussians, Image, OPACITY},
 };
-use specula_io::{glb::textured::TexturedMesh, mesh::Mesh, picture::RgbImage};
+use specula_io::{
+    mesh::{Mesh, TexturedMesh},
+    picture::RgbImage,
+};
 use specula_mesh::{
     align::aligned, atlas::Atlas, fusion::Fusion, means::PointMeans, simplify::simplified, texture::Texels,
 };

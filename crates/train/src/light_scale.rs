@@ -5,18 +5,16 @@
 //! does; it is the mean radiance of a matte ball of albedo a, divided by a.
 
 use specula_core::{
-    cubemap::texel_solid_angle,
+    cubemap::solid_angles,
     environment::texels,
     scene::{Environment, RadianceActivation},
 };
 
 /// Mean radiance of a cube map over all directions, weighted by solid angle.
 pub(crate) fn mean_radiance(light: &Environment<Vec<f32>>) -> [f32; 3] {
-    let edge = light.resolution;
     let mut sums = [0.0; 3];
     let mut total = 0.0;
-    for (index, radiance) in texels(light).enumerate() {
-        let weight = texel_solid_angle(index % edge, index / edge % edge, edge);
+    for (radiance, weight) in texels(light).zip(solid_angles(light.resolution)) {
         sums = core::array::from_fn(|k| sums[k] + weight * f64::from(radiance[k]));
         total += weight;
     }

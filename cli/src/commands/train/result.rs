@@ -23,7 +23,7 @@ use specula_scene::{
     RenderOptions, Scene, SceneError, SceneRenderer,
     backdrop::BackgroundColor,
     capture::Capture,
-    environment::lights_of_lamps,
+    environment::{concentration_text, lights_of_lamps},
     number::group_digits,
     training::{Outcome, Training},
 };
@@ -183,9 +183,9 @@ fn warn_of_lamps(scene: &Scene, info: &ModelInfo) {
     for (light, share) in lights_of_lamps(scene.light.iter().chain(&scene.other_lights)) {
         let Some(name) = names.get(light) else { continue };
         tracing::warn!(
-            "light {name:?} has {:.0} % of its radiance in 1 % of the directions: small lamps, whose shadows look like \
-             darker material; train without its pictures (light - in the table of --lights-by) and compare",
-            100.0 * share
+            "light {name:?} has {}: small lamps, whose shadows look like darker material; train without its pictures \
+             (light - in the table of --lights-by) and compare",
+            concentration_text(share)
         );
     }
 }

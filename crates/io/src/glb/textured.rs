@@ -3,6 +3,7 @@
 use super::{Document, File, Placement, write_document};
 use crate::{
     error::Result,
+    mesh::TexturedMesh,
     picture::{RgbImage, to_png},
 };
 use glam::{DQuat, DVec3, Vec3};
@@ -23,27 +24,6 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 const LINEAR: u32 = 9729;
 const LINEAR_MIPMAP_LINEAR: u32 = 9987;
 const CLAMP_TO_EDGE: u32 = 33071;
-
-/// Triangles with textures, rows of which start at v = 0.
-#[derive(Clone, Debug)]
-pub struct TexturedMesh {
-    /// Positions in world space.
-    pub positions: Vec<[f32; 3]>,
-    /// Outward unit normals.
-    pub normals: Vec<[f32; 3]>,
-    /// Unit tangents along u, and the sign w of the bitangents w n × t, along −v.
-    pub tangents: Vec<[f32; 4]>,
-    /// Texture coordinates, in \[0, 1\], from the upper left corner.
-    pub uvs: Vec<[f32; 2]>,
-    /// Vertices of each triangle, counterclockwise seen from outside.
-    pub triangles: Vec<[u32; 3]>,
-    /// Base colour, sRGB-encoded.
-    pub base_color: RgbImage,
-    /// Roughness (green) and metalness (blue); without it the base colour contains the light.
-    pub surface: Option<RgbImage>,
-    /// Normals in the space of tangents, bitangents and normals, −1 to 1 as 0 to 255.
-    pub normal_map: Option<RgbImage>,
-}
 
 /// Writes a mesh with an optional transform of its node, which names the origin of positions if
 /// that is not zero, and lamps as nodes of `KHR_lights_punctual`, placed by the same transform. A

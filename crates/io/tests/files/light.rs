@@ -9,7 +9,7 @@ use exr::{
     },
 };
 use image::{ExtendedColorType, ImageEncoder, Rgb, RgbImage, codecs::openexr::OpenExrEncoder};
-use specula_core::cubemap::{texel_direction, texel_index, texel_solid_angle};
+use specula_core::cubemap::{solid_angles, texel_direction, texel_index};
 use specula_io::{
     Input,
     latlong::{self, Cleaned, LatLong, UpAxis},
@@ -40,9 +40,7 @@ fn energy_of_map(map: &LatLong) -> f64 {
 }
 
 fn energy_of_cube(values: &[f32], resolution: usize) -> f64 {
-    let size = resolution * resolution;
-    let angle = |texel: usize| texel_solid_angle(texel % resolution, texel % size / resolution, resolution);
-    values.chunks(3).enumerate().map(|(texel, rgb)| f64::from(rgb[0]) * angle(texel)).sum()
+    values.chunks(3).zip(solid_angles(resolution)).map(|(rgb, angle)| f64::from(rgb[0]) * angle).sum()
 }
 
 fn assert_near(a: f32, b: f32, tolerance: f32, what: &str) {

@@ -114,8 +114,8 @@ class View:
 def load_views(dataset: _Path, split: Literal["train", "test"] = "train", *, downscale: int = 1) -> list[View]:
     """Pictures of a data set, of any kind that the program reads, and their cameras.
 
-    `split` names those to train on or those held out. Pictures are made smaller by `downscale`:
-    1, 2, 4 or 8.
+    `split` names those to train on or those held out: no picture is in both. Pictures are made
+    smaller by `downscale`: 1, 2, 4 or 8.
     """
 
 @final
@@ -327,7 +327,8 @@ def train(
             transparent, else black.
         random_points: points to start from in place of those of the data set.
         downscale: factor by which pictures are made smaller, 1, 2, 4 or 8.
-        hold_out: whether test views are held out.
+        hold_out: whether test views are held out; otherwise they are trained on too, and say nothing
+            about new views.
         checkpoint_every: steps between checkpoints; 0 for none before the end.
         overwrite: whether a training in the folder is replaced.
     """
