@@ -74,9 +74,11 @@ pub(crate) fn note_guessed_up(found: &Orientation) {
 fn correction(Orientation { up, up_source, error_degrees, cameras, .. }: &Orientation) -> &'static str {
     match (up_source, error_degrees) {
         (UpSource::Nothing, _) if *cameras == 0 && *up == [0.0, 0.0, 1.0] => {
-            "; if it is wrong, set --scene-up, often to -y"
+            "; if it is wrong, set --scene-up, often to -y; a room shows only from inside: specula view, then f to fly"
         }
-        (UpSource::Nothing, _) if *cameras == 0 => "; if it is wrong, set --scene-up, often to z",
+        (UpSource::Nothing, _) if *cameras == 0 => {
+            "; if it is wrong, set --scene-up, often to z; a room shows only from inside: specula view, then f to fly"
+        }
         (UpSource::Hand | UpSource::File, _) | (UpSource::Upright | UpSource::Height, Some(_)) => "",
         (UpSource::Level, Some(_)) => "; if it is the opposite, set --scene-up X,Y,Z",
         (UpSource::Mean | UpSource::Nothing, _) | (_, None) => "; if it is wrong, set --scene-up X,Y,Z",
@@ -104,7 +106,7 @@ pub(crate) fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
     };
     Some(Failure::Input(match Misplaced::find(folder)? {
         Misplaced::CamerasOf { .. } | Misplaced::Pictures { .. } | Misplaced::Video(_) if has_cameras => return None,
-        Misplaced::Picture | Misplaced::Model if is_model_wanted => return None,
+        Misplaced::Picture | Misplaced::File | Misplaced::Model if is_model_wanted => return None,
         Misplaced::PartOf(whole) => {
             format!("{folder:?} is part of a data set; did you mean the folder above, {whole:?}?")
         }
@@ -133,12 +135,17 @@ pub(crate) fn suggestion(folder: &Path, error: &Error) -> Option<Failure> {
         ),
         Misplaced::Pictures { count, folder: pictures, unread: None } => format!(
             "{pictures:?} has {}, but {folder:?} has no cameras (transforms_train.json, transforms.json \
-             or sparse/0); estimate them: specula capture {} -o data",
+             or sparse/0); specula make {name} -o out/{stem} estimates them and makes a scene, specula capture {name} -o \
+             data/{stem} only a data set",
             counted(count, "picture"),
-            shown(folder)
+            name = shown(folder),
+            stem = output::stem(folder)
         ),
         Misplaced::Picture => {
             format!("{folder:?} is a picture; give the folder of its data set, with the cameras of all pictures")
+        }
+        Misplaced::File => {
+            format!("{folder:?} is a file, not the folder of a data set; a scene opens with specula view or info")
         }
         Misplaced::Video(path) => format!(
             "{path:?} is a video; select frames and estimate their cameras: specula capture {} -o data",

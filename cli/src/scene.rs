@@ -58,6 +58,11 @@ pub(crate) fn open(
 pub(crate) fn open_as(path: &Path, options: &SceneOptions) -> Result<OpenedModel, Failure> {
     let mut opened = open(path, options.profile, options.antialiased.low_pass())?;
     let all = opened.scene.gaussians.count;
+    if options.crop == Some(Crop::Object) && opened.folder.is_some() && !has_surroundings(&opened)? {
+        tracing::warn!(
+            "the model has no surroundings, so --crop object may take a part of the object for what it stands on; omit it"
+        );
+    }
     if let Some(ball) = options.crop.map_or(Ok(None), |region| opened.crop(region))? {
         let Ball { center, radius } = ball;
         let [x, y, z] = [0, 1, 2].map(|axis| opened.origin[axis] + f64::from(center[axis]));
@@ -78,26 +83,27 @@ pub(crate) fn open_as(path: &Path, options: &SceneOptions) -> Result<OpenedModel
 /// Notes that a scene keeps its surroundings, or what the object stands on, and what becomes of
 /// them.
 pub(crate) fn note_support(options: &SceneOptions, opened: &OpenedModel, becomes: &str) -> Result<(), Failure> {
-    /// Share of the Gaussians around the subject above which a scene has surroundings.
-    const SHARE_MIN: f64 = 0.2;
     match options.crop {
         Some(Crop::Object) => {}
         Some(_) => {
             tracing::info!("--crop keeps what the object stands on, which {becomes}; --crop object removes it");
         }
-        None if opened.folder.is_some() => {
-            let Some(ball) = Foreground::Auto.ball(Some(&opened.orientation(None)?), opened.origin) else {
-                return Ok(());
-            };
-            let gaussians = &opened.scene.gaussians;
-            let around = (0..gaussians.count).filter(|index| !ball.contains(gaussians.get::<3>(*index, MEAN))).count();
-            if around as f64 > SHARE_MIN * gaussians.count as f64 {
-                tracing::info!("what is around the object {becomes}; --crop object shows only the object");
-            }
+        None if opened.folder.is_some() && has_surroundings(opened)? => {
+            tracing::info!("what is around the object {becomes}; --crop object shows only the object");
         }
         None => {}
     }
     Ok(())
+}
+
+/// Returns whether a model has more than its subject.
+fn has_surroundings(opened: &OpenedModel) -> Result<bool, Failure> {
+    /// Share of the Gaussians around the subject above which a scene has surroundings.
+    const SHARE_MIN: f64 = 0.2;
+    let Some(ball) = Foreground::Auto.ball(Some(&opened.orientation(None)?), opened.origin) else { return Ok(false) };
+    let gaussians = &opened.scene.gaussians;
+    let around = (0..gaussians.count).filter(|index| !ball.contains(gaussians.get::<3>(*index, MEAN))).count();
+    Ok(around as f64 > SHARE_MIN * gaussians.count as f64)
 }
 
 /// Opens a glTF file, which names its shading.

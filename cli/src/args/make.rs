@@ -1,6 +1,6 @@
 //! Arguments of `specula make`.
 
-use super::capture::CaptureOptions;
+use super::{capture::CaptureOptions, parse::finite};
 use clap::Args;
 use specula_scene::lamps::SunChoice;
 use std::path::PathBuf;
@@ -32,6 +32,9 @@ pub(crate) struct Make {
     /// Environment map of each turntable, as relight --env.
     #[arg(long, value_name = "FILE|NAME", num_args = 1.., default_values = ["sunset", "forest"])]
     pub(crate) env: Vec<PathBuf>,
+    /// Exposure of the maps in stops; 1 doubles them.
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite)]
+    pub(crate) exposure: f32,
     /// Sun beside the maps, as relight --sun.
     #[arg(long, value_name = "AZ,EL[,STRENGTH[,ANGLE]][:RRGGBB]", allow_hyphen_values = true)]
     pub(crate) sun: Vec<SunChoice>,

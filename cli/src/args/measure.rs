@@ -18,7 +18,7 @@ use std::path::PathBuf;
 /// relighting is measured too, without scaling, with the best scale per colour channel, and with
 /// that of each view.
 ///
-/// Models trained with --relightable are also measured against true materials (r_0_albedo.png and
+/// Models with materials are also measured against true materials (r_0_albedo.png and
 /// r_0_material.png beside a test picture) and a true light (env.hdr in the folder of the data
 /// set), where there are any: albedo after the best scale per channel, roughness, metalness,
 /// correlation and brightness of the light, and relighting with the scaled albedo.

@@ -10,7 +10,7 @@ use crate::{
 use core::cell::RefCell;
 use serde_json::json;
 use specula_capture::{Error, Evidence, Finding, Look, Monitor, Options, Outcome, command_text};
-use specula_io::{dataset::LoadOptions, reconstruction::Reconstruction};
+use specula_io::{self as io, dataset::LoadOptions, model_folder, reconstruction::Reconstruction};
 use specula_scene::{
     dataset::{Dataset, picture_names},
     text::shown,
@@ -59,6 +59,11 @@ pub(crate) fn capture(inputs: &[PathBuf], folder: &Path, options: &CaptureOption
             "{folder:?} is in {input:?}, whose pictures are the input; use a folder outside with -o"
         )));
     }
+    refuse_other_contents(folder)?;
+    for input in inputs.iter().filter(|input| io::dataset::has_cameras(input)) {
+        let line = command_text(["specula", "train", &input.to_string_lossy(), "-m", "out/model"]);
+        tracing::warn!("{input:?} has cameras, which are not used; to keep them: {line}");
+    }
     output::make_folder(folder)?;
     let _lock = output::lock(folder)?;
     interrupt::watch()?;
@@ -83,6 +88,18 @@ pub(crate) fn capture(inputs: &[PathBuf], folder: &Path, options: &CaptureOption
         colmap,
     };
     Ok(specula_capture::capture(&options, &Shown::default())?)
+}
+
+/// Refuses a folder of a model, or of a data set that is no capture.
+pub(crate) fn refuse_other_contents(folder: &Path) -> Result<(), Failure> {
+    let contents = if model_folder::holds_training(folder) {
+        "a model"
+    } else if io::dataset::has_cameras(folder) && !folder.join("capture.json").is_file() {
+        "another data set"
+    } else {
+        return Ok(());
+    };
+    Err(Failure::Input(format!("{folder:?} already contains {contents}; use another folder with -o")))
 }
 
 /// Findings about a data set.

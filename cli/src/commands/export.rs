@@ -45,7 +45,7 @@ use specula_scene::{
 };
 use std::{
     collections::{BTreeMap, btree_map::Entry},
-    fs, iter,
+    fs,
     path::{Path, PathBuf},
 };
 
@@ -500,7 +500,7 @@ impl Exporter<'_> {
         let mut left_out = "";
         if format == ExportFormat::MeshStage {
             let provenance = format!("exported by specula {}: a mesh", env!("CARGO_PKG_VERSION"));
-            let documentation = iter::once(provenance).chain(self.origin()).collect::<Vec<_>>().join("; ");
+            let documentation = core::iter::once(provenance).chain(self.origin()).collect::<Vec<_>>().join("; ");
             usd::write_mesh(path, mesh, &placement, &documentation)?;
             if !lamps.is_empty() {
                 left_out = "; suns and lamps are only in .glb";

@@ -32,7 +32,8 @@ const BEFORE: &str = "before-masks";
 pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     let folder = |name: &str| args.output.join(name);
     let (data, model) = (folder("data"), folder("model"));
-    args.env.iter().try_for_each(|map| read_env(map, 0.0).map(drop))?;
+    args.env.iter().try_for_each(|map| read_env(map, args.exposure).map(drop))?;
+    capture::refuse_other_contents(&args.output)?;
     let line = capture_line(args, &data);
     tracing::info!("{line}");
     let outcome = capture::capture(&args.inputs, &data, &args.capture)?;
@@ -76,6 +77,7 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     let crop: &[&str] = if is_cut_out { &[] } else { &["--crop", "object"] };
     let mut lights: Vec<String> = args.sun.iter().flat_map(|sun| ["--sun".to_owned(), sun.to_string()]).collect();
     lights.extend((args.ground || !is_cut_out).then(|| "--ground".to_owned()));
+    lights.extend((args.exposure != 0.0).then(|| format!("--exposure={}", args.exposure)));
     let common: Vec<&str> = crop.iter().copied().chain(lights.iter().map(String::as_str)).collect();
     let has_ffmpeg = specula_capture::has_ffmpeg();
     let mut figures: Vec<Figure> = photograph(&loaded).into_iter().collect();

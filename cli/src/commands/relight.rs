@@ -13,6 +13,7 @@ use crate::{
     video::{self, Video},
 };
 use glam::Vec3;
+use specula_core::scene::Image;
 use specula_io::picture::{self, DynamicImage};
 use specula_report::relighting::{GroundTruth, RelightingQuality};
 use specula_scene::{
@@ -24,6 +25,9 @@ use specula_scene::{
     picture_folder::{PictureFolder, differences},
     rendering::{FRAME_MS, PictureJob},
 };
+
+/// Share of a scene's pixels that may be white without a warning.
+const WHITE_MAX: f64 = 0.2;
 
 /// Renders the scene under the new light.
 pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
@@ -90,10 +94,20 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
     let form = opened.scene.shading_model.shading.form;
     let mut renderer = SceneRenderer::new(opened.scene, Layer::channels(&layers), &options)?;
     let mut pairs = Vec::new();
+    let (mut white, mut shown) = (0, 0);
     render_pictures(&job, &mut renderer, form, |index, image| {
+        let pixels = covered(image);
+        white += pixels.clone().filter(|is_white| *is_white).count();
+        shown += pixels.count();
         pairs.extend(truths.as_ref().and_then(|truths| truths.pair(index, image)));
         Ok(())
     })?;
+    if white as f64 > WHITE_MAX * shown as f64 {
+        let percent = 100 * white / shown;
+        tracing::warn!(
+            "{percent} % of the scene is white, as the light is bright; darken it, such as with --exposure -1"
+        );
+    }
     if truths.is_none() || video.is_some() {
         video::finish(video.as_ref(), &folder)?;
     }
@@ -105,6 +119,16 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
         return output::say_json(&measured.to_json(pairs.len()));
     }
     output::say(&format!("relighting {measured}  ({} views)", pairs.len()))
+}
+
+/// Pixels of a picture that the scene covers by more than a half: whether each is white.
+fn covered(image: &Image<Vec<f32>>) -> impl Iterator<Item = bool> + Clone {
+    let size = image.width * image.height;
+    let planes = move |pixel: usize| [0, 1, 2].map(|k| image.values[k * size + pixel]);
+    let coverage = move |pixel: usize| 1.0 - image.values[(image.channels - 1) * size + pixel];
+    (0..size)
+        .filter(move |pixel| coverage(*pixel) > 0.5)
+        .map(move |pixel| planes(pixel).iter().all(|color| *color >= coverage(pixel)))
 }
 
 /// Options of the pictures. Ground is white where it would be as black as the shadows on it.

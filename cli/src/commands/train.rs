@@ -359,13 +359,16 @@ fn source_of(args: &Train) -> Result<&Path, Failure> {
     args.source().ok_or_else(none)
 }
 
-/// Refuses to write a model to the data set folder.
+/// Refuses to write a model to the folder of a data set.
 fn refuse_data_set(args: &Train) -> Result<(), Failure> {
     let folder = &args.model_path;
     let is_same =
         |source: &Path| source.canonicalize().is_ok_and(|source| folder.canonicalize().is_ok_and(|own| own == source));
     if args.source().is_some_and(is_same) {
         return Err(Failure::Input(format!("{folder:?} is the data set itself; use another folder with -m")));
+    }
+    if io::dataset::has_cameras(folder) && !model_folder::holds_training(folder) {
+        return Err(Failure::Input(format!("{folder:?} is another data set; use another folder with -m")));
     }
     Ok(())
 }

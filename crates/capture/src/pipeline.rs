@@ -379,7 +379,7 @@ impl Run<'_> {
         let more = if number > 1 { MORE_FRAMES } else { 1.0 };
         let count = self.options.frames.unwrap_or((more * usual) as usize);
         let chosen: Vec<u64> = selected(candidates, count).into_iter().map(|index| candidates[index].frame).collect();
-        tracing::info!("selected {} of {} frames of {path:?}", chosen.len(), candidates.len());
+        tracing::info!("selected {} of {} candidate frames of {path:?}", chosen.len(), candidates.len());
         let to = self.images.join(below);
         fs::create_dir_all(&to).map_err(Error::writing(&to))?;
         let line = video::extract(path, &chosen, &to, &self.work.join("ffmpeg.log"), self.monitor)?;

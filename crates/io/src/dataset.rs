@@ -296,7 +296,7 @@ pub fn note_changes(changes: &[Changes], notes: &mut Vec<String>) {
     if unknown > 0 {
         let pixels: u64 = changes.iter().map(|view| view.pixels).sum();
         let (masked, share) = (count(|view| view.unknown > 0), 100.0 * unknown as f64 / pixels as f64);
-        notes.push(format!("{masked} pictures have masked pixels, {share:.1} % of all"));
+        notes.push(format!("{masked} pictures have pixels that a mask or the lens leaves open, {share:.1} % of all"));
     }
 }
 
@@ -307,4 +307,9 @@ pub fn note_missing_normals(has_normals: impl ExactSizeIterator<Item = bool>, no
     if missing > 0 && missing < all {
         notes.push(format!("{missing} of {all} test views have no normal map"));
     }
+}
+
+/// Returns whether a folder has the cameras of a data set, without reading them.
+pub fn has_cameras(folder: &Path) -> bool {
+    ["transforms_train.json", "transforms.json", "sparse"].iter().any(|name| folder.join(name).exists())
 }

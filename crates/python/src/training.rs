@@ -252,6 +252,9 @@ fn refuse_other_training(Wish { dataset, folder, resumes, overwrites, .. }: &Wis
     if dataset.canonicalize().is_ok_and(|data| folder.canonicalize().is_ok_and(|folder| folder == data)) {
         return Err(Failure::input(format!("{folder:?} is the data set itself; name another folder")));
     }
+    if specula_io::dataset::has_cameras(folder) && !model_folder::holds_training(folder) {
+        return Err(Failure::input(format!("{folder:?} is another data set; name another folder")));
+    }
     if *resumes || *overwrites || !model_folder::holds_training(folder) {
         return Ok(());
     }

@@ -179,6 +179,8 @@ pub enum Misplaced {
     Video(PathBuf),
     /// A picture, not a folder of them.
     Picture,
+    /// Another file.
+    File,
 }
 
 /// Camera files of other programs, by name or extension, and how to export supported ones.
@@ -195,10 +197,11 @@ impl Misplaced {
     /// Relation of a folder without a data set to one nearby; none if there is none.
     pub fn find(folder: &Path) -> Option<Self> {
         if folder.is_file() {
-            return match is_video(folder) {
-                true => Some(Self::Video(folder.to_owned())),
-                false => is_picture(folder).then_some(Self::Picture),
-            };
+            return Some(match is_video(folder) {
+                true => Self::Video(folder.to_owned()),
+                false if is_picture(folder) => Self::Picture,
+                false => Self::File,
+            });
         }
         let whole = std::path::absolute(folder).ok()?;
         if let Some(meant) = whole.ancestors().skip(1).take(2).find(|above| has_files(above)) {

@@ -6,10 +6,15 @@ use specula_core::scene::{Gaussians, MEAN};
 /// Horizontal field of view of cameras in an orbit, in radians: that of NeRF Synthetic.
 pub(crate) const FIELD_OF_VIEW_RAD: f32 = 0.691_111_2;
 
-/// Centre of Gaussians, and the distance from which a camera sees all of them.
+/// Centre of Gaussians, and the distance from which a camera sees all of them, but not a few that
+/// are far away.
 pub(crate) fn framing(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
+    /// Share of the means that are seen, as far as [`FARTHEST`] radii.
+    const SHARE: f32 = 0.998;
+    const FARTHEST: f32 = 1.6;
     let (centre, radius) = extent(gaussians);
-    (centre, 1.2 * radius / (0.5 * FIELD_OF_VIEW_RAD).sin())
+    let seen = quantile(distances(gaussians, centre), SHARE).clamp(1.2 * radius, FARTHEST * radius);
+    (centre, seen / (0.5 * FIELD_OF_VIEW_RAD).sin())
 }
 
 /// Centre of the box of the means, and the 0.95 quantile of their distances from it; 1 if that is
@@ -21,9 +26,13 @@ pub(crate) fn extent(gaussians: &Gaussians<Vec<f32>>) -> (Vec3, f32) {
         low.midpoint(high)
     };
     let centre = Vec3::new(middle(MEAN), middle(MEAN + 1), middle(MEAN + 2));
-    let distance = |index: usize| Vec3::from(gaussians.get::<3>(index, MEAN)).distance(centre);
-    let radius = quantile((0..gaussians.count).map(distance).collect(), SHARE);
+    let radius = quantile(distances(gaussians, centre), SHARE);
     (centre, if radius > 0.0 { radius } else { 1.0 })
+}
+
+/// Distances of the means from a point.
+fn distances(gaussians: &Gaussians<Vec<f32>>, from: Vec3) -> Vec<f32> {
+    (0..gaussians.count).map(|index| Vec3::from(gaussians.get::<3>(index, MEAN)).distance(from)).collect()
 }
 
 fn quantile(mut numbers: Vec<f32>, share: f32) -> f32 {

@@ -6,7 +6,8 @@
 //! each lamp the irradiance E_l H_l ([`mod@specula_core::lamps`]) and the share V_l that is seen.
 
 use crate::lamps::SceneLamps;
-use glam::{Vec2, Vec3};
+use core::f32::consts::TAU;
+use glam::{Quat, Vec2, Vec3};
 use rayon::prelude::*;
 use specula_core::{
     camera::Camera,
@@ -18,11 +19,18 @@ use specula_core::{
 use specula_mesh::{sky::Sky, surface::Surface};
 use std::sync::{Arc, OnceLock};
 
-/// Directions of the whole sphere; half of them are above the ground.
-const DIRECTIONS: usize = 768;
+/// Directions of a point, over the whole sphere; half of them are above the ground.
+const DIRECTIONS: usize = 192;
+/// Neighbouring points, in squares of this edge, have different directions, and the light is the
+/// mean over such a square: interleaved sampling (Keller and Heidrich 2001). Otherwise a small
+/// light, which few directions meet, casts few sharp shadows.
+const INTERLEAVED: usize = 4;
+/// Weights of neighbours along a row or a column, in which all directions of a square have equal
+/// weights.
+const MEAN: [f32; INTERLEAVED + 1] = [0.125, 0.25, 0.25, 0.25, 0.125];
 /// Points along an edge of the square at which the light of the sky is computed; it is interpolated
 /// between them.
-const POINTS: usize = 128;
+const POINTS: usize = 256;
 /// Edge of the square, in widths of the scene. Shadows of the sky fade towards it.
 const WIDTHS: f32 = 4.0;
 /// Share of the square's half edge within which shadows of the sky do not fade.
@@ -80,9 +88,10 @@ impl GroundPlane {
     /// Open directions of every point of the square. Those below the plane are not traced.
     fn open(&self) -> &[[u64; WORDS]] {
         let trace = || {
-            let directions: Vec<Vec3> = sky_directions().collect();
+            let directions = sky_directions();
             let at = |index: usize| {
                 let point = self.point_of([index % POINTS, index / POINTS].map(|k| k as f32));
+                let directions = &directions[set_of(index)];
                 let is_open = |direction: Vec3| {
                     direction.dot(self.up) > 0.0 && !self.occluder.is_blocked(point.into(), direction.into(), T_MISS)
                 };
@@ -98,9 +107,39 @@ impl GroundPlane {
     }
 }
 
-/// Directions of the sky, those below the ground too.
-fn sky_directions() -> impl Iterator<Item = Vec3> {
-    directions(DIRECTIONS).map(|direction| Vec3::from(direction.map(|x| x as f32)))
+/// Directions of the sky, those below the ground too, for each set of points: turned by rotations
+/// that are spread evenly (Shoemake 1992, at the points of Roberts' sequence).
+fn sky_directions() -> Vec<Vec<Vec3>> {
+    const SETS: usize = INTERLEAVED * INTERLEAVED;
+    let turn = |set: usize| {
+        let share = (set as f32 + 0.5) / SETS as f32;
+        let [first, second] = [0.754_877_7, 0.569_840_3].map(|step| (set as f32 * step).fract() * TAU);
+        let [lower, upper] = [(1.0 - share).sqrt(), share.sqrt()];
+        Quat::from_xyzw(lower * first.sin(), lower * first.cos(), upper * second.sin(), upper * second.cos())
+    };
+    let turned = |set: usize| {
+        directions(DIRECTIONS).map(|direction| turn(set) * Vec3::from(direction.map(|x| x as f32))).collect()
+    };
+    (0..SETS).map(turned).collect()
+}
+
+/// Set of directions of a point of the square.
+fn set_of(point: usize) -> usize {
+    point / POINTS % INTERLEAVED * INTERLEAVED + point % POINTS % INTERLEAVED
+}
+
+/// Means of neighbouring points along rows or columns, whose points are `stride` apart.
+fn means(points: &[[Vec3; 2]], stride: usize) -> Vec<[Vec3; 2]> {
+    const BESIDE: usize = INTERLEAVED / 2;
+    let mean = |index: usize| {
+        let place = index / stride % POINTS;
+        let weighted = |(k, weight): (usize, &f32)| {
+            let neighbour = (place + k).clamp(BESIDE, POINTS - 1 + BESIDE) - BESIDE;
+            points[index - place * stride + neighbour * stride].map(|light| light * *weight)
+        };
+        MEAN.iter().enumerate().map(weighted).fold([Vec3::ZERO; 2], |sum, light| [sum[0] + light[0], sum[1] + light[1]])
+    };
+    (0..points.len()).into_par_iter().map(mean).collect()
 }
 
 /// Ground below a scene, and the light on it.
@@ -144,22 +183,31 @@ impl Ground {
 
     /// Computes the light of the sky at the points of the square.
     fn find_sky(&mut self, sky: &Sky) {
-        let share = 4.0 * core::f32::consts::PI / DIRECTIONS as f32;
-        let light = |(index, direction): (usize, Vec3)| {
+        let share = 2.0 * TAU / DIRECTIONS as f32;
+        let light = |(index, direction): (usize, &Vec3)| {
             let cosine = direction.dot(self.plane.up);
-            (cosine > 0.0).then(|| (index, sky.radiance(direction) * (cosine * share)))
+            (cosine > 0.0).then(|| (index, sky.radiance(*direction) * (cosine * share)))
         };
-        let lights = sky_directions().enumerate().filter_map(light);
-        let lights: Vec<(usize, Vec3)> = lights.filter(|(_, light)| *light != Vec3::ZERO).collect();
-        if lights.is_empty() {
+        let lights = |directions: &Vec<Vec3>| -> Vec<(usize, Vec3)> {
+            directions.iter().enumerate().filter_map(light).filter(|(_, light)| *light != Vec3::ZERO).collect()
+        };
+        let lights: Vec<Vec<(usize, Vec3)>> = sky_directions().iter().map(lights).collect();
+        let open: Vec<Vec3> = lights.iter().map(|set| set.iter().map(|(_, light)| *light).sum()).collect();
+        self.open = open.iter().sum::<Vec3>() / open.len() as f32;
+        if self.open == Vec3::ZERO {
             return;
         }
-        let at = |bits: &[u64; WORDS]| {
+        let at = |(point, bits): (usize, &[u64; WORDS])| {
             let is_open = |index: usize| bits[index / 64] >> (index % 64) & 1 == 1;
-            lights.iter().filter(|(index, _)| is_open(*index)).map(|(_, light)| *light).sum()
+            let set = set_of(point);
+            [lights[set].iter().filter(|(index, _)| is_open(*index)).map(|(_, light)| *light).sum(), open[set]]
         };
-        self.reaching = self.plane.open().par_iter().map(at).collect();
-        self.open = lights.iter().map(|(_, light)| *light).sum();
+        let points: Vec<[Vec3; 2]> = self.plane.open().par_iter().enumerate().map(at).collect();
+        let share = |[reaching, open]: &[Vec3; 2]| {
+            let share = |k: usize| if open[k] > 0.0 { reaching[k] / open[k] } else { 1.0 };
+            self.open * Vec3::from([0, 1, 2].map(share))
+        };
+        self.reaching = means(&means(&points, 1), POINTS).iter().map(share).collect();
     }
 
     /// Irradiance of the sky that reaches a point.
@@ -283,9 +331,27 @@ mod tests {
         let slant = half / half.hypot(height);
         let hidden = 4.0 / core::f32::consts::PI * slant * slant.atan();
         let found = ground.share_at(Vec3::ZERO, [0.0; 2]);
-        // Of 384 directions.
+        // Of some hundred directions.
         assert!((found.x - (1.0 - hidden)).abs() < 0.02, "{found} rather than {}", 1.0 - hidden);
         assert_eq!(ground.share_at(Vec3::new(40.0, 0.0, 0.0), [0.0; 2]), Vec3::ONE, "far away nothing is hidden");
+    }
+
+    /// Below a roof of half edge 1 the shadow of a small light in the zenith is dark in the middle and light outside, and
+    /// falls to light over its penumbra in small steps.
+    #[test]
+    fn shadows_of_a_small_light_in_the_sky_are_smooth() {
+        const EDGE: usize = 16;
+        let lit = |texel: usize| {
+            texel / (EDGE * EDGE) == 4 && [texel / EDGE % EDGE, texel % EDGE].iter().all(|k| (6..10).contains(k))
+        };
+        let values = (0..FACE_COUNT * EDGE * EDGE).flat_map(|texel| [if lit(texel) { 30.0 } else { 0.0 }; 3]).collect();
+        let lamp = Environment { resolution: EDGE, activation: RadianceActivation::Identity, values };
+        let ground = ground_below(&roof(1.0, 1.0), Some(0.0), Some(&lamp), None);
+        let shares: Vec<f32> =
+            (0..100).map(|k| ground.share_at(Vec3::new(0.02 * k as f32, 0.1, 0.0), [0.0; 2]).x).collect();
+        assert!(shares[0] == 0.0 && shares[99] == 1.0, "{shares:?}");
+        let largest = shares.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f32::max);
+        assert!(largest < 0.1, "a step of {largest} in {shares:?}");
     }
 
     #[test]

@@ -277,7 +277,7 @@ fn masks_leave_pixels_out() {
         let unknown = row.chunks(4).map(|pixel| pixel == UNKNOWN).collect::<Vec<_>>();
         assert_eq!(unknown, [[true; 12], [false; 12]].concat(), "{}", view.name);
     }
-    assert_says(&data.notes.join("\n"), &["2 pictures have masked pixels, 33.3 %"]);
+    assert_says(&data.notes.join("\n"), &["2 pictures have pixels that a mask or the lens leaves open, 33.3 %"]);
     let small = load_with(&folder, LoadOptions { downscale: 2, ..LoadOptions::default() });
     assert_eq!(small.test[0].image.rgba[4 * 5..4 * 6], UNKNOWN);
     assert_ne!(small.test[0].image.rgba[4 * 6..4 * 7], UNKNOWN);
