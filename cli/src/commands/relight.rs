@@ -193,3 +193,16 @@ fn render_turning(
     work.finish();
     Ok(picture::write_animation(&folder.animation(), &frames, FRAME_MS)?)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pixels_are_white_where_the_scene_covers_them_and_every_colour_is_at_its_most() {
+        // Four pixels, plane by plane: white, half covered and white, red, and empty.
+        let values = [[1.0, 0.6, 1.0, 0.0], [1.2, 0.6, 0.1, 0.0], [1.0, 0.6, 0.1, 0.0], [0.0, 0.4, 0.0, 1.0]].concat();
+        let image = Image { width: 4, height: 1, channels: 4, values };
+        assert_eq!(covered(&image).collect::<Vec<_>>(), [true, true, false]);
+    }
+}

@@ -138,6 +138,16 @@ fn measuring_by_the_only_picture() {
 }
 
 #[test]
+fn a_data_set_in_place_of_a_models_folder() {
+    let tiny = Tiny::new();
+    fs::create_dir_all(tiny.path("other")).unwrap();
+    fs::write(tiny.path("other/transforms.json"), "{}").unwrap();
+    refuses(train(&tiny, "other"), &["is another data set", "-m"]);
+    refuses(train(&tiny, "data"), &["is the data set itself", "-m"]);
+    assert_eq!(fs::read_dir(tiny.path("other")).unwrap().count(), 1, "nothing is written");
+}
+
+#[test]
 fn an_output_folder_that_cannot_be() {
     let tiny = Tiny::new();
     fs::write(tiny.path("file"), "mine").unwrap();

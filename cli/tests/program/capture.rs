@@ -38,6 +38,15 @@ fn unusable_inputs_end_in_a_sentence_with_a_remedy() {
     refuses(&["capture", "heic", "-o", "b"], &["2 pictures", "convert"], &folder);
     refuses(&["capture", "empty", "-o", "c"], &["neither pictures", "video"], &folder);
     refuses(&["capture", "empty", "-o", "d", "--colmap", "no-such-program"], &["neither"], &folder);
+    for (name, file) in [("model", "specula.json"), ("other", "transforms.json"), ("photographs", "a.png")] {
+        fs::create_dir_all(tiny.path(name)).unwrap();
+        fs::write(tiny.path(name).join(file), "{}").unwrap();
+    }
+    for command in ["capture", "make"] {
+        refuses(&[command, "photographs", "-o", "model"], &["already contains a model"], &folder);
+        refuses(&[command, "photographs", "-o", "other"], &["already contains another data set"], &folder);
+    }
+    assert!(!tiny.path("other/capture").exists() && !tiny.path("model/data").exists(), "nothing is written");
     if !has_colmap() {
         return;
     }

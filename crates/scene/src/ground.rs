@@ -6,38 +6,36 @@
 //! each lamp the irradiance E_l H_l ([`mod@specula_core::lamps`]) and the share V_l that is seen.
 
 use crate::lamps::SceneLamps;
-use core::f32::consts::TAU;
-use glam::{Quat, Vec2, Vec3};
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use specula_core::{
     camera::Camera,
+    cubemap::{FACE_COUNT, texel_direction, texel_index, texel_solid_angle},
     lamps::{Lamp, LampOf, disc_axes, horizon, seen_share, shadow_ray, shift, spiral_point, toward},
     near_field::T_MISS,
     scene::Environment,
-    sphere::directions,
 };
 use specula_mesh::{sky::Sky, surface::Surface};
 use std::sync::{Arc, OnceLock};
 
-/// Directions of a point, over the whole sphere; half of them are above the ground.
-const DIRECTIONS: usize = 192;
-/// Neighbouring points, in squares of this edge, have different directions, and the light is the
-/// mean over such a square: interleaved sampling (Keller and Heidrich 2001). Otherwise a small
-/// light, which few directions meet, casts few sharp shadows.
-const INTERLEAVED: usize = 4;
-/// Weights of neighbours along a row or a column, in which all directions of a square have equal
-/// weights.
-const MEAN: [f32; INTERLEAVED + 1] = [0.125, 0.25, 0.25, 0.25, 0.125];
+/// Cells along an edge of a part of the sky. Neighbouring points, in squares of this edge, look at
+/// different cells, and the light is the mean over such a square: interleaved sampling (Keller and
+/// Heidrich 2001).
+const CELLS: usize = 4;
+/// Weights of neighbours along a row or a column, in which all cells of a part have equal weights.
+const MEAN: [f32; CELLS + 1] = [0.125, 0.25, 0.25, 0.25, 0.125];
+/// Parts along an edge of a face of the sky: large ones, and those of a large one with a bright
+/// cell, which would cast few sharp shadows otherwise.
+const PARTS: [usize; 2] = [4, 4 * CELLS];
+/// Share of the light of the whole sky from which a cell is bright.
+const BRIGHT: f32 = 1.0 / 256.0;
 /// Points along an edge of the square at which the light of the sky is computed; it is interpolated
 /// between them.
-const POINTS: usize = 256;
+const POINTS: usize = 192;
 /// Edge of the square, in widths of the scene. Shadows of the sky fade towards it.
 const WIDTHS: f32 = 4.0;
 /// Share of the square's half edge within which shadows of the sky do not fade.
 const FADE: f32 = 0.7;
-
-/// Words of the bits of all directions.
-const WORDS: usize = DIRECTIONS.div_ceil(u64::BITS as usize);
 
 /// Plane below a scene, and the part of the sky that the scene hides from it.
 #[derive(Debug)]
@@ -50,9 +48,9 @@ pub struct GroundPlane {
     axes: [Vec3; 2],
     half_edge: f32,
     occluder: Arc<Surface>,
-    /// Bits of the directions that are open at the points of the square, row by row; traced on
-    /// first use.
-    open: OnceLock<Vec<[u64; WORDS]>>,
+    /// Bits of the points of the square, row by row, at which each part of the sky is open; traced
+    /// on first use.
+    open: Vec<OnceLock<Vec<u64>>>,
 }
 
 impl GroundPlane {
@@ -76,7 +74,8 @@ impl GroundPlane {
         let height = height.unwrap_or(least.z);
         let middle = center.x * axes[0] + center.y * axes[1] + height * up;
         let half_edge = 0.5 * WIDTHS * width;
-        Some(Arc::new(Self { up, middle, axes, half_edge, occluder, open: OnceLock::new() }))
+        let open = (0..Part::COUNT).map(|_| OnceLock::new()).collect();
+        Some(Arc::new(Self { up, middle, axes, half_edge, occluder, open }))
     }
 
     /// Point of the ground at a column and a row of the square.
@@ -85,52 +84,89 @@ impl GroundPlane {
         self.middle + x * self.axes[0] + y * self.axes[1]
     }
 
-    /// Open directions of every point of the square. Those below the plane are not traced.
-    fn open(&self) -> &[[u64; WORDS]] {
+    /// Bits of the points at which a part of the sky is open.
+    fn open(&self, part: Part) -> &[u64] {
         let trace = || {
-            let directions = sky_directions();
-            let at = |index: usize| {
+            let directions: [Vec3; CELLS * CELLS] = core::array::from_fn(|cell| part.direction(cell));
+            let is_open = |index: usize| {
                 let point = self.point_of([index % POINTS, index / POINTS].map(|k| k as f32));
-                let directions = &directions[set_of(index)];
-                let is_open = |direction: Vec3| {
-                    direction.dot(self.up) > 0.0 && !self.occluder.is_blocked(point.into(), direction.into(), T_MISS)
-                };
-                let mut bits = [0; WORDS];
-                for (index, _) in directions.iter().enumerate().filter(|(_, direction)| is_open(**direction)) {
-                    bits[index / 64] |= 1 << (index % 64);
-                }
-                bits
+                let direction = directions[cell_of(index)];
+                direction.dot(self.up) > 0.0 && !self.occluder.is_blocked(point.into(), direction.into(), T_MISS)
             };
-            (0..POINTS * POINTS).into_par_iter().map(at).collect()
+            let word = |word: usize| (0..64).fold(0, |bits, k| bits | u64::from(is_open(64 * word + k)) << k);
+            (0..POINTS * POINTS / 64).into_par_iter().map(word).collect()
         };
-        self.open.get_or_init(trace)
+        self.open[part.index()].get_or_init(trace)
     }
 }
 
-/// Directions of the sky, those below the ground too, for each set of points: turned by rotations
-/// that are spread evenly (Shoemake 1992, at the points of Roberts' sequence).
-fn sky_directions() -> Vec<Vec<Vec3>> {
-    const SETS: usize = INTERLEAVED * INTERLEAVED;
-    let turn = |set: usize| {
-        let share = (set as f32 + 0.5) / SETS as f32;
-        let [first, second] = [0.754_877_7, 0.569_840_3].map(|step| (set as f32 * step).fract() * TAU);
-        let [lower, upper] = [(1.0 - share).sqrt(), share.sqrt()];
-        Quat::from_xyzw(lower * first.sin(), lower * first.cos(), upper * second.sin(), upper * second.cos())
-    };
-    let turned = |set: usize| {
-        directions(DIRECTIONS).map(|direction| turn(set) * Vec3::from(direction.map(|x| x as f32))).collect()
-    };
-    (0..SETS).map(turned).collect()
+/// Square part of a face of the sky.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    face: usize,
+    column: usize,
+    row: usize,
+    /// Parts of its size along an edge of a face.
+    size: usize,
 }
 
-/// Set of directions of a point of the square.
-fn set_of(point: usize) -> usize {
-    point / POINTS % INTERLEAVED * INTERLEAVED + point % POINTS % INTERLEAVED
+impl Part {
+    const LARGE: usize = FACE_COUNT * PARTS[0] * PARTS[0];
+    const COUNT: usize = Self::LARGE + FACE_COUNT * PARTS[1] * PARTS[1];
+
+    /// All large parts.
+    fn large() -> impl Iterator<Item = Self> {
+        let [size, _] = PARTS;
+        (0..Self::LARGE).map(move |index| Self {
+            face: index / (size * size),
+            column: index % size,
+            row: index / size % size,
+            size,
+        })
+    }
+
+    /// Parts as large as its cells.
+    fn cells(self) -> impl Iterator<Item = Self> {
+        (0..CELLS * CELLS).map(move |cell| {
+            let [column, row] = self.place(cell);
+            Self { column, row, size: CELLS * self.size, ..self }
+        })
+    }
+
+    /// Number among all parts.
+    fn index(self) -> usize {
+        let first = if self.size == PARTS[0] { 0 } else { Self::LARGE };
+        first + texel_index(self.face, self.column, self.row, self.size)
+    }
+
+    /// Column and row of a cell on its face.
+    fn place(self, cell: usize) -> [usize; 2] {
+        [CELLS * self.column + cell % CELLS, CELLS * self.row + cell / CELLS]
+    }
+
+    /// Direction of a cell.
+    fn direction(self, cell: usize) -> Vec3 {
+        let [column, row] = self.place(cell);
+        Vec3::from(texel_direction(self.face, column, row, CELLS * self.size).map(|x| x as f32))
+    }
+
+    /// Irradiance of a plane by a part as bright as a cell of it.
+    fn light(self, sky: &Sky, up: Vec3, cell: usize) -> Vec3 {
+        let [column, row] = self.place(cell);
+        let solid_angle = (CELLS * CELLS) as f64 * texel_solid_angle(column, row, CELLS * self.size);
+        let direction = self.direction(cell);
+        sky.radiance(direction) * (direction.dot(up).max(0.0) * solid_angle as f32)
+    }
+}
+
+/// Cell of each part of the sky that a point of the square looks at.
+fn cell_of(point: usize) -> usize {
+    point / POINTS % CELLS * CELLS + point % POINTS % CELLS
 }
 
 /// Means of neighbouring points along rows or columns, whose points are `stride` apart.
 fn means(points: &[[Vec3; 2]], stride: usize) -> Vec<[Vec3; 2]> {
-    const BESIDE: usize = INTERLEAVED / 2;
+    const BESIDE: usize = CELLS / 2;
     let mean = |index: usize| {
         let place = index / stride % POINTS;
         let weighted = |(k, weight): (usize, &f32)| {
@@ -183,26 +219,34 @@ impl Ground {
 
     /// Computes the light of the sky at the points of the square.
     fn find_sky(&mut self, sky: &Sky) {
-        let share = 2.0 * TAU / DIRECTIONS as f32;
-        let light = |(index, direction): (usize, &Vec3)| {
-            let cosine = direction.dot(self.plane.up);
-            (cosine > 0.0).then(|| (index, sky.radiance(*direction) * (cosine * share)))
+        let lit = |part: Part| {
+            let lights: [Vec3; CELLS * CELLS] = core::array::from_fn(|cell| part.light(sky, self.plane.up, cell));
+            (part, lights)
         };
-        let lights = |directions: &Vec<Vec3>| -> Vec<(usize, Vec3)> {
-            directions.iter().enumerate().filter_map(light).filter(|(_, light)| *light != Vec3::ZERO).collect()
-        };
-        let lights: Vec<Vec<(usize, Vec3)>> = sky_directions().iter().map(lights).collect();
-        let open: Vec<Vec3> = lights.iter().map(|set| set.iter().map(|(_, light)| *light).sum()).collect();
-        self.open = open.iter().sum::<Vec3>() / open.len() as f32;
-        if self.open == Vec3::ZERO {
+        let large: Vec<_> = Part::large().map(lit).collect();
+        let all: Vec3 = large.iter().flat_map(|(_, lights)| lights).sum();
+        if all == Vec3::ZERO {
             return;
         }
-        let at = |(point, bits): (usize, &[u64; WORDS])| {
-            let is_open = |index: usize| bits[index / 64] >> (index % 64) & 1 == 1;
-            let set = set_of(point);
-            [lights[set].iter().filter(|(index, _)| is_open(*index)).map(|(_, light)| *light).sum(), open[set]]
+        let is_bright = |light: &Vec3| light.element_sum() > BRIGHT * all.element_sum();
+        let divided = |(part, lights): (Part, [Vec3; CELLS * CELLS])| match lights.iter().any(is_bright) {
+            true => part.cells().map(lit).collect(),
+            false => vec![(part, lights)],
         };
-        let points: Vec<[Vec3; 2]> = self.plane.open().par_iter().enumerate().map(at).collect();
+        let parts: Vec<_> =
+            large.into_iter().flat_map(divided).filter(|(_, lights)| *lights != [Vec3::ZERO; CELLS * CELLS]).collect();
+        let parts: Vec<_> = parts.iter().map(|(part, lights)| (self.plane.open(*part), lights)).collect();
+        self.open = parts.iter().flat_map(|(_, lights)| *lights).sum::<Vec3>() / (CELLS * CELLS) as f32;
+        let at = |point: usize| {
+            let cell = cell_of(point);
+            let add = |[reaching, open]: [Vec3; 2], (bits, lights): &(&[u64], &[Vec3; CELLS * CELLS])| {
+                let light = lights[cell];
+                let is_open = bits[point / 64] >> (point % 64) & 1 == 1;
+                [if is_open { reaching + light } else { reaching }, open + light]
+            };
+            parts.iter().fold([Vec3::ZERO; 2], add)
+        };
+        let points: Vec<[Vec3; 2]> = (0..POINTS * POINTS).into_par_iter().map(at).collect();
         let share = |[reaching, open]: &[Vec3; 2]| {
             let share = |k: usize| if open[k] > 0.0 { reaching[k] / open[k] } else { 1.0 };
             self.open * Vec3::from([0, 1, 2].map(share))
@@ -280,10 +324,7 @@ mod tests {
     use super::*;
     use crate::backdrop::{Backdrop, BackgroundColor};
     use specula_core::near_field::NearField;
-    use specula_core::{
-        cubemap::FACE_COUNT,
-        scene::{Image, RadianceActivation},
-    };
+    use specula_core::scene::{Image, RadianceActivation};
     use specula_mesh::{Mesh, near_field::SurfaceMeans};
 
     /// Square of this half edge at a height above the origin, whose front is below.
@@ -331,7 +372,7 @@ mod tests {
         let slant = half / half.hypot(height);
         let hidden = 4.0 / core::f32::consts::PI * slant * slant.atan();
         let found = ground.share_at(Vec3::ZERO, [0.0; 2]);
-        // Of some hundred directions.
+        // Of some thousand directions.
         assert!((found.x - (1.0 - hidden)).abs() < 0.02, "{found} rather than {}", 1.0 - hidden);
         assert_eq!(ground.share_at(Vec3::new(40.0, 0.0, 0.0), [0.0; 2]), Vec3::ONE, "far away nothing is hidden");
     }
