@@ -112,8 +112,8 @@ impl Prepared {
         settings::profile_of(&args, args.iterations, false)?;
         // The folder is created and locked after everything else is validated.
         let is_first = ranks.is_first();
-        let lock = if is_first && args.model_path.is_dir() { Some(folder::lock(&args)?) } else { None };
         refuse_data_set(&args)?;
+        let lock = if is_first && args.model_path.is_dir() { Some(folder::lock(&args)?) } else { None };
         if is_first {
             folder::refuse_other_training(&args)?;
         }
