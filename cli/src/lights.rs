@@ -135,7 +135,7 @@ fn refuse_without_materials(scene: &Scene) -> Result<(), Failure> {
     }
     refuse_plain(scene)?;
     Err(Failure::Input(format!(
-        "{}, so suns and lamps cannot light it; train it with --relightable, or use only an environment map",
+        "{}, so suns and lamps cannot light it; train on its photographs with --relightable, or use only an environment map",
         SceneError::NoMaterials
     )))
 }

@@ -298,7 +298,10 @@ pub(crate) fn relight(scene: &mut Scene, path: &Path, options: LightOptions, up:
 pub(crate) fn shade(scene: &mut Scene, shading: Option<Shading>) -> Result<(), Failure> {
     let Some(shading) = shading else { return Ok(()) };
     if shading == Shading::Physical && !scene.gaussians.layout.is_physical {
-        return Err(Failure::Input(format!("{}; train it with --relightable", SceneError::NoMaterials)));
+        return Err(Failure::Input(format!(
+            "{}; train on its photographs with --relightable",
+            SceneError::NoMaterials
+        )));
     }
     scene.shading_model = scene.shading_model.shaded(shading);
     Ok(())

@@ -15,7 +15,7 @@ use glam::{DVec3, Vec3};
 use page::PageLight;
 use specula_core::{
     camera::Camera,
-    lamps::{RAYS, check},
+    lamps::{Lamp, RAYS, check},
     scene::Environment,
 };
 use specula_cpu::CpuExecutor;
@@ -314,7 +314,10 @@ impl Exporter<'_> {
         }
         let is_shaded = all.layout.is_shaded();
         if self.args.bake == BakeName::Materials && !all.layout.is_physical {
-            return Err(Failure::Input(format!("{}; train it with --relightable", SceneError::NoMaterials)));
+            return Err(Failure::Input(format!(
+                "{}; train on its photographs with --relightable",
+                SceneError::NoMaterials
+            )));
         }
         if is_shaded && self.args.bake == BakeName::Sh && self.scene().light.is_none() {
             tracing::warn!("the scene has no light, so nothing specular is baked; add one with --env");
@@ -367,6 +370,7 @@ impl Exporter<'_> {
             work.finish();
             losses = format!("{losses}; {error}");
         }
+        losses += self.without_lamps();
         self.say(path, &format!("{} Gaussians", group_digits(plain.gaussians.count)), &losses)
     }
 
@@ -473,6 +477,16 @@ impl Exporter<'_> {
         self.say_mesh(path, count, omitted, &format!("colours are the mean over {} views", cameras.len()))
     }
 
+    /// Suns and lamps that files start with, if they can have any.
+    fn lamps(&self) -> Vec<Lamp> {
+        self.lights.lamps(orientation::up(&self.up))
+    }
+
+    /// Words on a file without the suns and lamps that others have.
+    fn without_lamps(&self) -> &'static str {
+        if self.lamps().is_empty() { "" } else { "; suns and lamps are only in pages and .glb meshes" }
+    }
+
     fn texels(&self) -> u32 {
         self.args.texture.unwrap_or(TEXELS)
     }
@@ -496,18 +510,15 @@ impl Exporter<'_> {
     ) -> Result<(), Failure> {
         let (views, texels) = (self.fused_cameras()?.len(), self.texels());
         let placement = self.node(AxisConvention::YUp).node_transform();
-        let lamps = self.lights.lamps(orientation::up(&self.up));
         let mut left_out = "";
         if format == ExportFormat::MeshStage {
             let provenance = format!("exported by specula {}: a mesh", env!("CARGO_PKG_VERSION"));
             let documentation = core::iter::once(provenance).chain(self.origin()).collect::<Vec<_>>().join("; ");
             usd::write_mesh(path, mesh, &placement, &documentation)?;
-            if !lamps.is_empty() {
-                left_out = "; suns and lamps are only in .glb";
-            }
+            left_out = self.without_lamps();
         } else {
             let origin = if self.placement.is_some() { [0.0; 3] } else { self.opened.origin };
-            textured::write(path, mesh, &lamps, Some(placement), origin)?;
+            textured::write(path, mesh, &self.lamps(), Some(placement), origin)?;
         }
         let content = match mesh.surface {
             Some(_) => "base colour, roughness and metalness are means",

@@ -33,7 +33,7 @@ pub(crate) fn run(args: &FitLight) -> Result<(), Failure> {
     note_oddities(&opened);
     if !opened.scene.gaussians.layout.is_physical {
         return Err(Failure::Input(format!(
-            "{}, which are needed to find the light of other photographs; train it with --relightable",
+            "{}, which are needed to find the light of other photographs; train on its photographs with --relightable",
             SceneError::NoMaterials
         )));
     }

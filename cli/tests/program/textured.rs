@@ -192,7 +192,7 @@ fn a_stage_has_the_textures_of_the_gltf_file() {
     let ball = ball();
     let (gltf, stage) = (ball.tiny.path("ball.glb"), ball.tiny.path("ball.usda"));
     let (_, said) = export(&ball, "ball.glb", &["--sun", "0,45", "-o", stage.to_str().unwrap()]);
-    assert!(said.contains("ball.usda") && said.contains("suns and lamps are only in .glb"), "{said}");
+    assert!(said.contains("ball.usda") && said.contains("suns and lamps are only in pages and .glb meshes"), "{said}");
     let mesh = Textured::open(&gltf);
     for (name, texture) in ["base_color", "roughness_metallic", "normals"].iter().zip(&mesh.textures) {
         let beside = image::open(ball.tiny.path(&format!("ball.{name}.png"))).unwrap().into_rgb8();

@@ -303,8 +303,10 @@ impl RenderWorker {
     fn shows_materials(&self, layer: Layer, request: &FrameRequest) -> Result<bool, ViewerError> {
         let is_physical = self.layout.is_physical;
         if !is_physical && !request.lamps.is_dark() {
-            let message =
-                format!("{}, so suns and lamps cannot light it; train it with --relightable", SceneError::NoMaterials);
+            let message = format!(
+                "{}, so suns and lamps cannot light it; train on its photographs with --relightable",
+                SceneError::NoMaterials
+            );
             return Err(ViewerError::Request(message));
         }
         match request.shading {
