@@ -19,8 +19,8 @@ use std::path::PathBuf;
 /// that of each view.
 ///
 /// Models with materials are also measured against true materials (r_0_albedo.png and
-/// r_0_material.png beside a test picture) and a true light (env.hdr in the folder of the data
-/// set), where there are any: albedo after the best scale per channel, roughness, metalness,
+/// r_0_material.png beside a test picture) and a true light (env.hdr in the data set's folder),
+/// where there are any: albedo after the best scale per channel, roughness, metalness,
 /// correlation and brightness of the light, and relighting with the scaled albedo.
 ///
 /// Measures of the test views are written to MODEL/results.json and MODEL/per_view.json under

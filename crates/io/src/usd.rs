@@ -258,63 +258,63 @@ fn write_triangles(out: &mut dyn Write, mesh: &TexturedMesh) -> io::Result<()> {
 }
 
 fn write_surface(out: &mut dyn Write, mesh: &TexturedMesh, prefix: &str) -> io::Result<()> {
-    let input = |name: &str, from: &str| format!("            {name}.connect = </Scene/Surface/{from}>\n");
-    let mut inputs = match &mesh.surface {
-        Some(_) => {
-            input("color3f inputs:diffuseColor", "BaseColor.outputs:rgb")
-                + &input("float inputs:roughness", "RoughnessMetallic.outputs:g")
-                + &input("float inputs:metallic", "RoughnessMetallic.outputs:b")
-        }
-        None => {
-            let black = ["diffuseColor", "specularColor"]
-                .map(|name| format!("            color3f inputs:{name} = (0, 0, 0)\n"));
-            black.concat()
-                + "            int inputs:useSpecularWorkflow = 1\n"
-                + &input("color3f inputs:emissiveColor", "BaseColor.outputs:rgb")
-        }
+    let input = |name: &str, from: &str| format!("{name}.connect = </Scene/Surface/{from}>");
+    let mut lines = match &mesh.surface {
+        Some(_) => vec![
+            input("color3f inputs:diffuseColor", "BaseColor.outputs:rgb"),
+            input("float inputs:roughness", "RoughnessMetallic.outputs:g"),
+            input("float inputs:metallic", "RoughnessMetallic.outputs:b"),
+        ],
+        None => vec![
+            "color3f inputs:diffuseColor = (0, 0, 0)".to_owned(),
+            "color3f inputs:specularColor = (0, 0, 0)".to_owned(),
+            "int inputs:useSpecularWorkflow = 1".to_owned(),
+            input("color3f inputs:emissiveColor", "BaseColor.outputs:rgb"),
+        ],
     };
-    if mesh.normal_map.is_some() {
-        inputs += &input("normal3f inputs:normal", "Normals.outputs:rgb");
-    }
+    lines.extend(mesh.normal_map.is_some().then(|| input("normal3f inputs:normal", "Normals.outputs:rgb")));
+    lines.push("token outputs:surface".to_owned());
     write!(out, "\n    def Material \"Surface\"\n    {{\n")?;
     write!(out, "        token outputs:surface.connect = </Scene/Surface/Preview.outputs:surface>\n\n")?;
-    shader(out, "Preview", "UsdPreviewSurface", &(inputs + "            token outputs:surface\n"))?;
-    let reader = "            string inputs:varname = \"st\"\n            float2 outputs:result\n";
-    shader(out, "Coordinates", "UsdPrimvarReader_float2", reader)?;
-    texture(out, "BaseColor", &format!("{prefix}{BASE_COLOR}"), "sRGB", "            float3 outputs:rgb\n")?;
+    shader(out, "Preview", "UsdPreviewSurface", &lines)?;
+    shader(
+        out,
+        "Coordinates",
+        "UsdPrimvarReader_float2",
+        &["string inputs:varname = \"st\"", "float2 outputs:result"],
+    )?;
+    let file = |name: &str| format!("{prefix}{name}");
+    texture(out, "BaseColor", &file(BASE_COLOR), "sRGB", &["float3 outputs:rgb"])?;
     if mesh.surface.is_some() {
-        let outputs = "            float outputs:g\n            float outputs:b\n";
-        texture(out, "RoughnessMetallic", &format!("{prefix}{SURFACE}"), "raw", outputs)?;
+        texture(out, "RoughnessMetallic", &file(SURFACE), "raw", &["float outputs:g", "float outputs:b"])?;
     }
     if mesh.normal_map.is_some() {
-        let range =
-            "            float4 inputs:bias = (-1, -1, -1, 0)\n            float4 inputs:scale = (2, 2, 2, 1)\n";
-        texture(
-            out,
-            "Normals",
-            &format!("{prefix}{NORMALS}"),
-            "raw",
-            &format!("{range}            float3 outputs:rgb\n"),
-        )?;
+        let lines =
+            ["float4 inputs:bias = (-1, -1, -1, 0)", "float4 inputs:scale = (2, 2, 2, 1)", "float3 outputs:rgb"];
+        texture(out, "Normals", &file(NORMALS), "raw", &lines)?;
     }
     writeln!(out, "    }}")
 }
 
-/// Writes a texture's reader with its outputs.
-fn texture(out: &mut dyn Write, name: &str, file: &str, space: &str, outputs: &str) -> io::Result<()> {
-    let wrap = ["S", "T"].map(|axis| format!("            token inputs:wrap{axis} = \"clamp\"\n")).concat();
-    let coordinates = "            float2 inputs:st.connect = </Scene/Surface/Coordinates.outputs:result>\n";
-    let file = format!("            asset inputs:file = @./{file}@\n");
-    let space = format!("            token inputs:sourceColorSpace = \"{space}\"\n");
-    shader(out, name, "UsdUVTexture", &[&file, &space, coordinates, &wrap, outputs].concat())
+/// Writes the reader of a texture, with further lines.
+fn texture(out: &mut dyn Write, name: &str, file: &str, space: &str, lines: &[&str]) -> io::Result<()> {
+    let (file, space) =
+        (format!("asset inputs:file = @./{file}@"), format!("token inputs:sourceColorSpace = \"{space}\""));
+    let common = [
+        &file,
+        &space,
+        "float2 inputs:st.connect = </Scene/Surface/Coordinates.outputs:result>",
+        "token inputs:wrapS = \"clamp\"",
+        "token inputs:wrapT = \"clamp\"",
+    ];
+    shader(out, name, "UsdUVTexture", &[&common, lines].concat())
 }
 
 /// Writes a shader with the lines of its inputs and outputs.
-fn shader(out: &mut dyn Write, name: &str, id: &str, lines: &str) -> io::Result<()> {
-    write!(
-        out,
-        "        def Shader \"{name}\"\n        {{\n            uniform token info:id = \"{id}\"\n{lines}        }}\n"
-    )
+fn shader(out: &mut dyn Write, name: &str, id: &str, lines: &[impl Display]) -> io::Result<()> {
+    write!(out, "        def Shader \"{name}\"\n        {{\n            uniform token info:id = \"{id}\"\n")?;
+    lines.iter().try_for_each(|line| writeln!(out, "            {line}"))?;
+    writeln!(out, "        }}")
 }
 
 /// Writes an attribute with an array of numbers or tuples, and its metadata, if there is any.

@@ -157,6 +157,11 @@ def test_trainings_are_refused_by_name(dataset, plain, tmp_path):
         sg.train(dataset, plain, profile="3dgs", iterations=60, downscale=8, hold_out=True, random_points=500, resume=True, seed=1)
     with pytest.raises(sg.FileError):
         sg.train(tmp_path / "nothing", tmp_path / "b", iterations=10)
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "transforms.json").write_text("{}")
+    with pytest.raises(sg.InvalidInput, match="another data set"):
+        sg.train(dataset, other, iterations=10)
 
 
 def test_an_exception_of_the_callback_ends_the_training_with_a_checkpoint(dataset, tmp_path):
