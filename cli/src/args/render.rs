@@ -86,8 +86,8 @@ pub(super) fn layer() -> impl TypedValueParser<Value = Layer> {
 /// An environment map is a lat-long map of linear radiance, .hdr or .exr. Files in .png, .jpg and
 /// .webp are accepted with a warning, since they have no radiance above white. NaN, infinite and
 /// negative values are replaced and counted. Suns and lamps cast shadows; they shine on models with
-/// materials. Pictures are written to MODEL/relight/ENV/ours_N/renders or to OUT/rgb, with a preview
-/// of the environment beside them.
+/// materials. Pictures are written to MODEL/relight/ENV/ours_N/renders or to OUT/rgb, with a
+/// preview of the environment beside them.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:

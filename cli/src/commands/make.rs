@@ -54,7 +54,8 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     let mut findings = capture::findings(&data, &loaded)?;
     let mut drift = findings.iter_mut().find(|finding| finding.kind == Finding::EXPOSURE);
     if let Some(drift) = &mut drift {
-        drift.remedy = "the training fits the colours of each (--exposure); lock exposure and white balance next time";
+        drift.remedy = "the training fits the colours of each (--exposure), but materials are less certain; lock \
+                        exposure and white balance next time";
     }
     let has_drift = drift.is_some();
     let findings: Vec<String> = findings.iter().map(capture::sentence).collect();

@@ -1,5 +1,5 @@
-//! Triangle meshes: with a colour and a normal at each vertex, as Wavefront OBJ and PLY; with textures, as
-//! [glTF](crate::glb::textured) and [OpenUSD](crate::usd).
+//! Triangle meshes: with a colour and a normal at each vertex, as Wavefront OBJ and PLY; with
+//! textures, as [glTF](crate::glb::textured) and [OpenUSD](crate::usd).
 
 use crate::{
     error::{Error, Result},

@@ -1,5 +1,5 @@
-//! OpenUSD stages, `.usda` (text, with its textures beside it) and `.usdz` (an archive): Gaussians by
-//! the schema `ParticleField3DGaussianSplat` of OpenUSD 26.03, or a mesh with textures.
+//! OpenUSD stages, `.usda` (text, with its textures beside it) and `.usdz` (an archive): Gaussians
+//! by the schema `ParticleField3DGaussianSplat` of OpenUSD 26.03, or a mesh with textures.
 //!
 //! | prim | contents |
 //! |---|---|

@@ -377,8 +377,8 @@ mod tests {
         assert_eq!(ground.share_at(Vec3::new(40.0, 0.0, 0.0), [0.0; 2]), Vec3::ONE, "far away nothing is hidden");
     }
 
-    /// Below a roof of half edge 1 the shadow of a small light in the zenith is dark in the middle and light outside, and
-    /// falls to light over its penumbra in small steps.
+    /// Below a roof of half edge 1 the shadow of a small light in the zenith is dark in the middle
+    /// and light outside, and becomes light over its penumbra in small steps.
     #[test]
     fn shadows_of_a_small_light_in_the_sky_are_smooth() {
         const EDGE: usize = 16;
