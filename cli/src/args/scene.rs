@@ -109,9 +109,9 @@ impl RendererOptions {
 /// Colours of a relightable model.
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct ShadingOption {
-    /// Colours of a model with materials: view, view-dependent and valid under the
-    /// light of the training; or physical, materials that are valid under any light [default: view
-    /// under the light of the training, physical under others].
+    /// Colours of a model with materials: view, view-dependent and valid under the light of the
+    /// training; or physical, materials that are valid under any light [default: view under the
+    /// light of the training, physical under others].
     #[arg(long = "shading", value_enum, value_name = "view|physical", hide_possible_values = true)]
     pub(crate) name: Option<ShadingName>,
 }

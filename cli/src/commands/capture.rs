@@ -10,9 +10,9 @@ use crate::{
 use core::cell::RefCell;
 use serde_json::json;
 use specula_capture::{Error, Evidence, Finding, Look, Monitor, Options, Outcome, command_text};
-use specula_io::{self as io, dataset::LoadOptions, model_folder, reconstruction::Reconstruction};
+use specula_io::{dataset::LoadOptions, model_folder, reconstruction::Reconstruction};
 use specula_scene::{
-    dataset::{Dataset, picture_names},
+    dataset::{Dataset, has_files, picture_names},
     text::shown,
 };
 use specula_train::view::View;
@@ -60,7 +60,7 @@ pub(crate) fn capture(inputs: &[PathBuf], folder: &Path, options: &CaptureOption
         )));
     }
     refuse_other_contents(folder)?;
-    for input in inputs.iter().filter(|input| io::dataset::has_cameras(input)) {
+    for input in inputs.iter().filter(|input| has_files(input)) {
         let line = command_text(["specula", "train", &input.to_string_lossy(), "-m", "out/model"]);
         tracing::warn!("{input:?} has cameras, which are not used; to keep them: {line}");
     }
@@ -94,7 +94,7 @@ pub(crate) fn capture(inputs: &[PathBuf], folder: &Path, options: &CaptureOption
 pub(crate) fn refuse_other_contents(folder: &Path) -> Result<(), Failure> {
     let contents = if model_folder::holds_training(folder) {
         "a model"
-    } else if io::dataset::has_cameras(folder) && !folder.join("capture.json").is_file() {
+    } else if has_files(folder) && !folder.join("capture.json").is_file() {
         "another data set"
     } else {
         return Ok(());

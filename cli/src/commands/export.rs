@@ -32,8 +32,8 @@ use specula_scene::{
     backdrop::BackgroundColor,
     environment::radiance,
     export::{
-        BakeMethod, ExportFormat, GaussianFormat, PlainGaussians, ReferencePictures, is_of_model, read_relightable,
-        up_comment, visible,
+        BakeMethod, ExportFormat, GaussianFormat, PlainGaussians, ReferencePictures, is_of_model, provenance,
+        read_relightable, up_comment, visible,
     },
     fusion::{self, Fused, MeshSize},
     number::group_digits,
@@ -193,7 +193,8 @@ struct Baked {
     /// By degree.
     plains: BTreeMap<u8, PlainGaussians>,
     references: Option<ReferencePictures>,
-    textured: Option<Fused<TexturedMesh>>,
+    /// With the number of its views.
+    textured: Option<(Fused<TexturedMesh>, usize)>,
 }
 
 fn format_of(path: &Path, is_mesh: bool) -> Result<ExportFormat, Failure> {
@@ -233,11 +234,11 @@ impl Exporter<'_> {
             ExportFormat::PrefilteredLight => return self.write_prefiltered(path),
             ExportFormat::Mesh => return self.write_mesh(path),
             ExportFormat::TexturedMesh | ExportFormat::MeshStage => {
-                if baked.textured.is_none() {
-                    baked.textured = self.fuse_textured()?;
-                }
-                let fused = baked.textured.as_ref().ok_or_else(|| self.no_surface())?;
-                return self.write_textured_mesh(path, format, fused);
+                let textured = match &mut baked.textured {
+                    Some(textured) => textured,
+                    none => none.insert(self.fuse_textured()?),
+                };
+                return self.write_textured_mesh(path, format, textured);
             }
             ExportFormat::Page => return self.write_page(path, false),
             ExportFormat::PageFolder => return self.write_page(path, true),
@@ -491,30 +492,29 @@ impl Exporter<'_> {
         self.args.texture.unwrap_or(TEXELS)
     }
 
-    /// Mesh with textures; `None` if no camera sees a surface.
-    fn fuse_textured(&self) -> Result<Option<Fused<TexturedMesh>>, Failure> {
+    /// Mesh with textures, and the number of its views.
+    fn fuse_textured(&self) -> Result<(Fused<TexturedMesh>, usize), Failure> {
         let cameras = self.fused_cameras()?;
         let work = progress::work("fusing", 0);
         let progress = |done, all| work.done_of(done, all);
         let size = (self.args.voxels, self.args.triangles.unwrap_or(TRIANGLES), self.texels());
         let fused = fusion::fuse_textured(self.scene(), &cameras, size, &self.options(), progress);
         work.finish();
-        Ok(fused?)
+        Ok((fused?.ok_or_else(|| self.no_surface())?, cameras.len()))
     }
 
     fn write_textured_mesh(
         &self,
         path: &Path,
         format: ExportFormat,
-        Fused { mesh, omitted }: &Fused<TexturedMesh>,
+        (Fused { mesh, omitted }, views): &(Fused<TexturedMesh>, usize),
     ) -> Result<(), Failure> {
-        let (views, texels) = (self.fused_cameras()?.len(), self.texels());
+        let texels = self.texels();
         let placement = self.node(AxisConvention::YUp).node_transform();
         let mut left_out = "";
         if format == ExportFormat::MeshStage {
-            let provenance = format!("exported by specula {}: a mesh", env!("CARGO_PKG_VERSION"));
-            let documentation = core::iter::once(provenance).chain(self.origin()).collect::<Vec<_>>().join("; ");
-            usd::write_mesh(path, mesh, &placement, &documentation)?;
+            let documentation = [Some(provenance("a mesh")), self.origin()].into_iter().flatten().collect::<Vec<_>>();
+            usd::write_mesh(path, mesh, &placement, &documentation.join("; "))?;
             left_out = self.without_lamps();
         } else {
             let origin = if self.placement.is_some() { [0.0; 3] } else { self.opened.origin };

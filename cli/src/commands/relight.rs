@@ -123,12 +123,11 @@ pub(crate) fn run(args: &Relight) -> Result<(), Failure> {
 
 /// Pixels of a picture that the scene covers by more than a half: whether each is white.
 fn covered(image: &Image<Vec<f32>>) -> impl Iterator<Item = bool> + Clone {
-    let size = image.width * image.height;
-    let planes = move |pixel: usize| [0, 1, 2].map(|k| image.values[k * size + pixel]);
-    let coverage = move |pixel: usize| 1.0 - image.values[(image.channels - 1) * size + pixel];
-    (0..size)
+    let passed = image.plane(image.channels - 1);
+    let coverage = move |pixel: usize| 1.0 - passed[pixel];
+    (0..image.pixel_count())
         .filter(move |pixel| coverage(*pixel) > 0.5)
-        .map(move |pixel| planes(pixel).iter().all(|color| *color >= coverage(pixel)))
+        .map(move |pixel| image.rgb(pixel).iter().all(|color| *color >= coverage(pixel)))
 }
 
 /// Options of the pictures. Ground is white where it would be as black as the shadows on it.

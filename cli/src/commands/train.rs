@@ -31,7 +31,7 @@ use specula_io::{
 use specula_scene::{
     backdrop::BackgroundColor,
     capture::{Capture, Photograph, Reading},
-    dataset::{InitialPoints, cloud_of},
+    dataset::{InitialPoints, cloud_of, has_files},
     following_light::LightFollows,
     foreground,
     light_file::MapUp,
@@ -367,7 +367,7 @@ fn refuse_data_set(args: &Train) -> Result<(), Failure> {
     if args.source().is_some_and(is_same) {
         return Err(Failure::Input(format!("{folder:?} is the data set itself; use another folder with -m")));
     }
-    if io::dataset::has_cameras(folder) && !model_folder::holds_training(folder) {
+    if has_files(folder) && !model_folder::holds_training(folder) {
         return Err(Failure::Input(format!("{folder:?} is another data set; use another folder with -m")));
     }
     Ok(())

@@ -308,8 +308,3 @@ pub fn note_missing_normals(has_normals: impl ExactSizeIterator<Item = bool>, no
         notes.push(format!("{missing} of {all} test views have no normal map"));
     }
 }
-
-/// Returns whether a folder has the cameras of a data set, without reading them.
-pub fn has_cameras(folder: &Path) -> bool {
-    ["transforms_train.json", "transforms.json", "sparse"].iter().any(|name| folder.join(name).exists())
-}

@@ -486,6 +486,11 @@ pub(crate) fn cube_exr(path: &Path, values: &[f32], resolution: usize) -> Result
     planes::exr(path, resolution, 6 * resolution, planes_of(values))
 }
 
+/// Bytes of a map as OpenEXR, for embedding in another file.
+pub(crate) fn exr(path: &Path, map: &LatLong) -> Result<Vec<u8>> {
+    planes::exr(path, map.width, map.height, planes_of(&map.rgb))
+}
+
 /// Red, green and blue, without alpha.
 fn planes_of(rgb: &[f32]) -> Vec<NamedPlane> {
     let plane = |k: usize| rgb.iter().skip(k).step_by(3).copied().collect();

@@ -34,7 +34,6 @@ use specula_core::{
     scene::{Gaussians, LOG_SCALE, MEAN, OPACITY, QUAT},
 };
 use std::{
-    fs,
     io::{self, Cursor, Write},
     path::Path,
 };
@@ -86,7 +85,7 @@ pub fn dome_orientation() -> MapOrientation {
 /// [`Error::Write`] if a file cannot be written; [`Error::TooLong`] for an archive above 4 GiB.
 pub fn write(path: &Path, stage: &Stage<'_>) -> Result<()> {
     const LIGHT: &str = "light.exr";
-    let light = stage.light.map(|light| Ok((LIGHT, exr(path, light)?))).transpose()?;
+    let light = stage.light.map(|light| Ok((LIGHT, latlong::exr(path, light)?))).transpose()?;
     write_files(path, light.as_slice(), |out, prefix| {
         write_scene(out, stage.documentation, stage.up, stage.placement, |out| {
             write_gaussians(out, stage)?;
@@ -120,15 +119,6 @@ pub fn write_mesh(path: &Path, mesh: &TexturedMesh, placement: &Placement, docum
             write_surface(out, mesh, prefix)
         })
     })
-}
-
-/// Bytes of a map as OpenEXR.
-fn exr(path: &Path, map: &LatLong) -> Result<Vec<u8>> {
-    let write_error = |cause: io::Error| Error::Write { path: path.to_owned(), cause };
-    let folder = tempfile::tempdir().map_err(write_error)?;
-    let file = folder.path().join("map.exr");
-    latlong::write(&file, map)?;
-    fs::read(&file).map_err(write_error)
 }
 
 /// Writes the text of a stage and its textures: into an archive for `.usdz`, else as text with the

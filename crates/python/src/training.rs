@@ -20,7 +20,7 @@ use specula_scene::{
     ExecutorChoice, OpenedModel, SceneError,
     backdrop::BackgroundColor,
     capture::{Capture, Photograph, Reading},
-    dataset::{InitialPoints, cloud_of},
+    dataset::{InitialPoints, cloud_of, has_files},
     training::{Checkpoints, Lock, Observer, Start, Training, model_info},
 };
 use specula_train::{
@@ -252,7 +252,7 @@ fn refuse_other_training(Wish { dataset, folder, resumes, overwrites, .. }: &Wis
     if dataset.canonicalize().is_ok_and(|data| folder.canonicalize().is_ok_and(|folder| folder == data)) {
         return Err(Failure::input(format!("{folder:?} is the data set itself; name another folder")));
     }
-    if specula_io::dataset::has_cameras(folder) && !model_folder::holds_training(folder) {
+    if has_files(folder) && !model_folder::holds_training(folder) {
         return Err(Failure::input(format!("{folder:?} is another data set; name another folder")));
     }
     if *resumes || *overwrites || !model_folder::holds_training(folder) {

@@ -265,7 +265,7 @@ pub fn picture_names(folder: &Path) -> Vec<String> {
 }
 
 /// Returns whether a folder has files of a data set.
-fn has_files(folder: &Path) -> bool {
+pub fn has_files(folder: &Path) -> bool {
     const FILES: [&str; 5] =
         ["transforms_train.json", "transforms.json", "sparse/0", "sparse/cameras.bin", "sparse/cameras.txt"];
     FILES.iter().any(|name| folder.join(name).exists())

@@ -152,6 +152,11 @@ impl ExportFormat {
     }
 }
 
+/// Sentence of a file on its origin.
+pub fn provenance(content: &str) -> String {
+    format!("exported by specula {}: {content}", env!("CARGO_PKG_VERSION"))
+}
+
 /// True if a file is the source of a model: the model itself, or a file in its folder.
 pub fn is_of_model(file: &Path, model: &Path, folder: Option<&Path>) -> bool {
     let Ok(file) = file.canonicalize() else { return false };
@@ -323,7 +328,7 @@ impl PlainGaussians {
             (true, BakeMethod::Diffuse) => "the diffuse colour of a shading function",
             (true, BakeMethod::Materials) => "the albedo of physical materials",
         };
-        format!("exported by specula {}: {content}", env!("CARGO_PKG_VERSION"))
+        provenance(content)
     }
 
     /// Sentence on the differences between a file and the scene of its Gaussians.

@@ -233,13 +233,12 @@ impl Ground {
             true => part.cells().map(lit).collect(),
             false => vec![(part, lights)],
         };
-        let parts: Vec<_> =
-            large.into_iter().flat_map(divided).filter(|(_, lights)| *lights != [Vec3::ZERO; CELLS * CELLS]).collect();
-        let parts: Vec<_> = parts.iter().map(|(part, lights)| (self.plane.open(*part), lights)).collect();
-        self.open = parts.iter().flat_map(|(_, lights)| *lights).sum::<Vec3>() / (CELLS * CELLS) as f32;
+        let parts = large.into_iter().flat_map(divided).filter(|(_, lights)| *lights != [Vec3::ZERO; CELLS * CELLS]);
+        let parts: Vec<_> = parts.map(|(part, lights)| (self.plane.open(part), lights)).collect();
+        self.open = parts.iter().flat_map(|(_, lights)| lights).sum::<Vec3>() / (CELLS * CELLS) as f32;
         let at = |point: usize| {
             let cell = cell_of(point);
-            let add = |[reaching, open]: [Vec3; 2], (bits, lights): &(&[u64], &[Vec3; CELLS * CELLS])| {
+            let add = |[reaching, open]: [Vec3; 2], (bits, lights): &(&[u64], [Vec3; CELLS * CELLS])| {
                 let light = lights[cell];
                 let is_open = bits[point / 64] >> (point % 64) & 1 == 1;
                 [if is_open { reaching + light } else { reaching }, open + light]
