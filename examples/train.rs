@@ -41,8 +41,13 @@ fn fit(
 /// The pictures of a data set, as a training takes them.
 fn views_of(folder: &Path) -> Result<Vec<View>, Box<dyn Error>> {
     let data = dataset::load(folder, &LoadOptions::default(), |_, _| {})?;
-    let view =
-        |view: dataset::View| View { name: view.name, camera: view.camera, rgba: view.image.rgba, normals: None };
+    let view = |view: dataset::View| View {
+        name: view.name,
+        camera: view.camera,
+        rgba: view.image.rgba,
+        unclipped: None,
+        normals: None,
+    };
     Ok(data.train.into_iter().map(view).collect())
 }
 
@@ -67,7 +72,13 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn a_grey_square_is_learned() {
     let eye = glam::Vec3::new(0.0, -3.0, 0.5);
     let camera = specula_core::camera::Camera::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 32, 32);
-    let views = [View { name: "square".into(), camera, rgba: [100, 100, 100, 255].repeat(32 * 32), normals: None }];
+    let views = [View {
+        name: "square".into(),
+        camera,
+        rgba: [100, 100, 100, 255].repeat(32 * 32),
+        unclipped: None,
+        normals: None,
+    }];
     let mut heard = Vec::new();
     fit(&views, &[], 60, |_, psnr| heard.push(psnr)).unwrap();
     assert_eq!(heard.len(), 60, "every step is heard of");

@@ -3,6 +3,7 @@
 use crate::{camera, environment, torus};
 use specula_core::{
     camera::Camera,
+    color::Picture,
     executor::{Executor, Renderer, TrainingStep},
     loss::LossWeights,
     near_field::NearField,
@@ -76,7 +77,7 @@ impl<E: Executor> Scene<E> {
                 gaussians: exec.upload_gaussians(&cloud)?,
             },
             near_field: None,
-            target: exec.target(size as usize, size as usize, &grey)?,
+            target: exec.target(&Picture::of_bytes(size as usize, size as usize, &grey))?,
             rates: vec![0.0; layout.plane_count()],
         })
     }

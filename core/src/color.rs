@@ -1,10 +1,14 @@
 //! The curve γ between linear radiance and the numbers in a picture: sRGB (IEC 61966-2-1).
 //!
+//! A picture has 8 bits, or also its [`unclipped`](Picture::unclipped) colours: numbers above 1 on
+//! the same curve, for radiance above white.
+//!
 //! A pixel outside of a mask or a lens has the colour [`UNKNOWN`] at alpha zero, so no fifth
 //! channel or second array is needed. Losses treat both pictures as black there, so SSIM windows
 //! agree, and give such pixels no gradient; measures skip them.
 
 use crate::{each, real::Real, vector::Vec3};
+use half::f16;
 
 /// Largest linear value that is encoded by a straight line.
 pub const LINEAR_LIMIT: f32 = 0.003_130_8;
@@ -95,6 +99,35 @@ pub fn is_unknown(pixel: &[u8]) -> bool {
 /// Whether any known pixel of red, green, blue and alpha bytes is not opaque.
 pub fn has_alpha(rgba: &[u8]) -> bool {
     rgba.chunks_exact(4).any(|pixel| pixel[3] < u8::MAX && !is_unknown(pixel))
+}
+
+/// A picture to compare with: sRGB with straight alpha, rows from the top.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Picture<'a> {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Red, green, blue and alpha of each pixel; [`UNKNOWN`] for masked pixels.
+    pub rgba: &'a [u8],
+    /// Red, green and blue of each pixel as [`srgb_from_linear`] of their radiance, at least 0 and
+    /// not limited to 1; `None` if those of `rgba` are all that is known.
+    pub unclipped: Option<&'a [[f16; 3]]>,
+}
+
+impl<'a> Picture<'a> {
+    /// A picture of 8 bits.
+    pub const fn of_bytes(width: usize, height: usize, rgba: &'a [u8]) -> Self {
+        Self { width, height, rgba, unclipped: None }
+    }
+
+    /// Expected and actual length of an array that does not fit the size.
+    pub fn wrong_len(&self) -> Option<[usize; 2]> {
+        let count = self.width.saturating_mul(self.height);
+        let unclipped = self.unclipped.map(|colors| [3 * count, 3 * colors.len()]);
+        let lens = [Some([4 * count, self.rgba.len()]), unclipped];
+        lens.into_iter().flatten().find(|[expected, found]| expected != found)
+    }
 }
 
 /// Blended colour over a visible background: C + T · background.

@@ -2,6 +2,7 @@
 
 use crate::{
     camera::{Camera, CameraGrad},
+    color::Picture,
     densify::DensifyRules,
     double::Double,
     expose::Exposure,
@@ -579,12 +580,12 @@ pub trait Executor: Renderer {
     /// True if targets are in device memory, so caching them there saves uploads.
     const IS_DEVICE: bool = true;
 
-    /// Uploads a picture of 8-bit sRGB and straight alpha, row by row.
+    /// Uploads a picture. Losses compare its unclipped colours, if it has them.
     ///
     /// # Errors
     ///
-    /// The error of the executor, such as a picture whose bytes do not fit its size.
-    fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Self::Target, Self::Error>;
+    /// The error of the executor, such as a picture whose pixels do not fit its size.
+    fn target(&mut self, picture: &Picture<'_>) -> Result<Self::Target, Self::Error>;
 
     /// [`Renderer::bin`] for a step of training. To avoid waiting for the required amount of
     /// memory, an executor may estimate it from previous steps; if the estimate is too small, no

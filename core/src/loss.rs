@@ -381,15 +381,17 @@ impl LossWeights {
     }
 
     /// Removes losses without input: the coverage loss unless the true picture has an alpha
-    /// channel, the losses of the geometry unless it was blended.
+    /// channel, the losses of the geometry unless it was blended. White of pictures that are not
+    /// clipped does not saturate.
     #[must_use]
-    pub fn where_possible(self, has_alpha: bool, has_geometry: bool) -> Self {
+    pub fn where_possible(self, has_alpha: bool, has_geometry: bool, is_clipped: bool) -> Self {
         let keep = |weight: f32, is_possible: bool| if is_possible { weight } else { 0.0 };
         Self {
             normal: keep(self.normal, has_geometry),
             smoothness: keep(self.smoothness, has_geometry),
             residual_image: keep(self.residual_image, has_geometry),
             coverage: keep(self.coverage, has_alpha),
+            saturates: self.saturates && is_clipped,
             ..self
         }
     }

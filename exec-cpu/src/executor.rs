@@ -27,6 +27,7 @@ use core::{ops::Range, sync::atomic::AtomicBool};
 use specula_core::{
     attributes::GaussianShading,
     camera::{Camera, CameraGrad},
+    color::Picture,
     cutoffs::Cutoffs,
     densify::DensifyRules,
     double::Double,
@@ -365,12 +366,12 @@ impl Executor for CpuExecutor {
 
     const IS_DEVICE: bool = false;
 
-    fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Target, CpuError> {
-        let expected = width * height * 4;
-        if rgba.len() != expected {
-            return Err(CpuError::TargetSize { width, height, expected, found: rgba.len() });
+    fn target(&mut self, picture: &Picture<'_>) -> Result<Target, CpuError> {
+        if let Some([expected, found]) = picture.wrong_len() {
+            let Picture { width, height, .. } = *picture;
+            return Err(CpuError::TargetSize { width, height, expected, found });
         }
-        Ok(Target::new(width, height, rgba))
+        Ok(Target::new(picture))
     }
 
     fn loss(

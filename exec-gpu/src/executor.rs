@@ -44,6 +44,7 @@ use crate::{
 use core::{fmt::Debug, iter, mem, ops::Range};
 use specula_core::{
     camera::{Camera, CameraGrad},
+    color::Picture,
     cutoffs::BlendOrder,
     densify::DensifyRules,
     double::Double,
@@ -589,8 +590,8 @@ impl Executor for GpuExecutor {
     type SplatGrads = SplatGrads;
     type Target = Target;
 
-    fn target(&mut self, width: usize, height: usize, rgba: &[u8]) -> Result<Target, GpuError> {
-        Target::new(&mut self.context, [width, height], rgba)
+    fn target(&mut self, picture: &Picture<'_>) -> Result<Target, GpuError> {
+        Target::new(&mut self.context, picture)
     }
 
     fn bin_for_step(&mut self, splats: &Splats, camera: &Camera) -> Result<Tiles, GpuError> {

@@ -2,6 +2,7 @@
 
 use specula_core::{
     camera::Camera,
+    color::Picture,
     executor::{Executor, TrainingStep},
     expose::{Exposure, IDENTITY},
     pipeline::train_step,
@@ -29,7 +30,7 @@ fn allocations(profile: &str, exposure: Option<&Exposure<f32>>) -> usize {
     };
     let cameras = [1.0, 2.0, 3.0].map(camera);
     let rgba = vec![200; 96 * 80 * 4];
-    let target = exec.target(96, 80, &rgba).expect("the bytes fit");
+    let target = exec.target(&Picture::of_bytes(96, 80, &rgba)).expect("the bytes fit");
     let zeros = |len: usize| AdamMoments { mean: vec![0.0; len], square: vec![0.0; len] };
     let moments = zeros(cloud.values.len());
     let light = profile.light.map(|_| {

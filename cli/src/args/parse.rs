@@ -8,7 +8,10 @@ use specula_core::{
     cutoffs::{BlendOrder, ProjectionModel, WINDOW, WINDOW_MAX},
     lamps::RAYS_MAX,
 };
-use specula_io::{budget::view_size, dataset::MaskUse};
+use specula_io::{
+    budget::view_size,
+    dataset::{InputSpace, MaskUse},
+};
 use specula_scene::{ExecutorChoice, device::InvalidExecutor, following_light::LightFollows};
 use std::net::ToSocketAddrs;
 
@@ -84,6 +87,10 @@ pub(super) fn light_follows(text: &str) -> Result<LightFollows, String> {
 
 pub(super) fn masks(text: &str) -> Result<MaskUse, String> {
     MaskUse::named(text).ok_or_else(|| "expected auto, ignore or cut".into())
+}
+
+pub(super) fn input_space(text: &str) -> Result<InputSpace, String> {
+    InputSpace::named(text).ok_or_else(|| "expected auto, srgb, linear or acescg".into())
 }
 
 /// Rejects what `--set` names: only words that are no setting reach this parser.

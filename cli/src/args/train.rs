@@ -4,8 +4,8 @@
 use super::{
     light_reference::LightReference,
     parse::{
-        above_zero, address, count, downscale, error_bound, executor, light_follows, masks, positive, share, token,
-        unknown_setting, weight, whole_above_zero,
+        above_zero, address, count, downscale, error_bound, executor, input_space, light_follows, masks, positive,
+        share, token, unknown_setting, weight, whole_above_zero,
     },
     preset::Preset,
     scene::ProfileName,
@@ -14,7 +14,7 @@ use super::{
 use clap::{Args, ValueEnum, builder::ArgPredicate};
 use core::{convert::Infallible, net::SocketAddr};
 use serde::{Serialize, Serializer};
-use specula_io::dataset::MaskUse;
+use specula_io::dataset::{InputSpace, MaskUse};
 use specula_scene::{
     ExecutorChoice, backdrop::BackgroundColor, following_light::LightFollows, foreground::Foreground,
     orientation::UpDirection,
@@ -209,14 +209,22 @@ pub(crate) struct Photographs {
     /// of the pictures.
     #[arg(long, value_name = "USE", default_value = MaskUse::Auto.name(), value_parser = masks)]
     pub(crate) masks: MaskUse,
-    /// Up direction of the scene, if the one estimated from the cameras is wrong: an axis such as z
-    /// or
-    /// -y, or a vector.
+    /// Colour space of the pictures: srgb, linear or acescg; auto: what the files say, linear for
+    /// OpenEXR.
+    #[arg(long, value_name = "SPACE", default_value = InputSpace::Auto.name(), value_parser = input_space)]
+    #[serde(skip_serializing_if = "is_auto")]
+    pub(crate) input_space: InputSpace,
+    /// Up direction, if the one estimated from the cameras is wrong: an axis such as -y, or a vector.
     #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
     pub(crate) scene_up: Option<UpDirection>,
     /// Learn an affine colour map of each photograph, into exposure.json.
     #[arg(long)]
     pub(crate) exposure: bool,
+}
+
+/// True for the default, which is not written to `config.toml`.
+fn is_auto(space: &InputSpace) -> bool {
+    *space == InputSpace::Auto
 }
 
 /// True for the default, which is not written to `config.toml`.

@@ -16,7 +16,7 @@ use specula_io::{dataset::LoadOptions, materials::Materials, model_folder, pictu
 use specula_report::{
     evaluation::{self, EvaluatedLight, EvaluatedView, Evaluation, RelitScene},
     lpips::LpipsNetwork,
-    measure::{self, LPIPS, PSNR_FITTED},
+    measure::{self, LPIPS, PSNR_FITTED, PSNR_LINEAR},
     relighting::GroundTruth,
 };
 use specula_scene::{
@@ -28,7 +28,10 @@ use specula_scene::{
     picture_folder::differences,
     text::shown,
 };
-use specula_train::{evaluate::fitted_psnr, view::View};
+use specula_train::{
+    evaluate::{fitted_psnr, linear_psnr},
+    view::View,
+};
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -96,6 +99,7 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
     evaluation.views = renderer.render_views(&views, progress, |view, image| -> Result<_, Failure> {
         let mut evaluated = EvaluatedView::new(view, image, background.0, with_pictures);
         evaluated.measures.values[PSNR_FITTED] = is_exposed.then(|| fitted_psnr(image, view, background.0));
+        evaluated.measures.values[PSNR_LINEAR] = linear_psnr(image, view, background.0);
         Ok(evaluated)
     })?;
     work.finish();

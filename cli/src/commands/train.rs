@@ -419,7 +419,7 @@ fn with_resolution(args: &Train) -> Result<Train, Failure> {
 }
 
 fn options_of(args: &Train) -> LoadOptions {
-    let Photographs { images, test_every, masks, .. } = args.photographs.clone();
+    let Photographs { images, test_every, masks, input_space, .. } = args.photographs.clone();
     let points = args.start.points.clone();
     LoadOptions {
         downscale: args.resolution,
@@ -435,6 +435,7 @@ fn options_of(args: &Train) -> LoadOptions {
             Some(path) => LightSource::Table { path: path.clone(), only: None },
         },
         without: Vec::new(),
+        space: input_space,
     }
 }
 
@@ -537,6 +538,7 @@ fn info_of(args: &Train, settings: &Settings, data: &Capture) -> Result<ModelInf
     info.rest.insert("images".into(), args.photographs.images.as_str().into());
     info.rest.insert("test_every".into(), args.photographs.test_every.into());
     info.rest.insert("masks".into(), args.photographs.masks.name().into());
+    info.rest.insert("input_space".into(), args.photographs.input_space.name().into());
     info.rest.insert("command".into(), arguments().into());
     Ok(ModelInfo {
         eval: args.eval,

@@ -7,8 +7,10 @@ use crate::{
     stress::{every_case, results::Results},
     view::{RESOLUTION, operator},
 };
+use half::f16;
 use specula_core::{
     camera::Camera,
+    color::Picture,
     double::Double,
     executor::{Executor, Feature, TrainingStep, Unsupported},
     loss::{LossWeights, NormalForm},
@@ -86,6 +88,7 @@ struct Training {
     rules: RenderRules,
     weights: LossWeights,
     rgba: Vec<u8>,
+    unclipped: Option<Vec<[f16; 3]>>,
 }
 
 impl Training {
@@ -100,6 +103,9 @@ impl Training {
             rgba.chunks_exact_mut(8).for_each(|two| two[..4].fill(255));
             environment.values.iter_mut().for_each(|number| *number += 1.5);
         }
+        // Every third one is not clipped, and brighter than white.
+        let color = |k: usize| [k * 37 % 251, k * 53 % 241, k * 71 % 239].map(|x| f16::from_f32(x as f32 / 100.0));
+        let unclipped = seed.is_multiple_of(3).then(|| (0..width * height).map(color).collect());
         let weights = LossWeights {
             absolute: 0.5,
             squared: 0.3,
@@ -123,11 +129,17 @@ impl Training {
             },
             weights,
             rgba,
+            unclipped,
         }
     }
 
     fn camera() -> Camera {
         camera(SIZE[0] as u32, SIZE[1] as u32)
+    }
+
+    fn picture(&self) -> Picture<'_> {
+        let [width, height] = SIZE;
+        Picture { width, height, rgba: &self.rgba, unclipped: self.unclipped.as_deref() }
     }
 
     fn is_deferred(&self) -> bool {
@@ -141,7 +153,7 @@ impl Training {
         rates: &[f32],
         step: impl FnOnce(&mut E, &TrainingStep<'_, E>) -> Result<T, E::Error>,
     ) -> Result<T, String> {
-        let target = exec.target(SIZE[0], SIZE[1], &self.rgba).map_err(said)?;
+        let target = exec.target(&self.picture()).map_err(said)?;
         let near_field = self.near_field.as_ref();
         let near_field = near_field.map(|near_field| near_field.with_values(near_field.values.as_slice()));
         let near_field = near_field.map(|near_field| exec.upload_near_field(&near_field)).transpose().map_err(said)?;
@@ -187,9 +199,10 @@ impl Training {
     /// Gradients in `f64`.
     fn exact(&self) -> oracle::Gradient<Double> {
         let over = |c: usize| {
-            self.rgba.chunks_exact(4).map(move |pixel| {
+            self.rgba.chunks_exact(4).enumerate().map(move |(k, pixel)| {
                 let alpha = f64::from(pixel[3]) / 255.0;
-                Double(f64::from(pixel[c]) / 255.0 * alpha + (1.0 - alpha) * f64::from(BACKGROUND[c]))
+                let color = self.unclipped.as_ref().map_or(f64::from(pixel[c]) / 255.0, |colors| colors[k][c].into());
+                Double(color * alpha + (1.0 - alpha) * f64::from(BACKGROUND[c]))
             })
         };
         let target = oracle::Target {
@@ -201,7 +214,7 @@ impl Training {
             camera: &Self::camera(),
             target: &target,
             rules: &self.rules,
-            weights: &self.weights,
+            weights: &self.weights.where_possible(true, true, self.unclipped.is_none()),
             near_field: self.near_field.as_ref(),
         };
         let operator = operator(RESOLUTION);

@@ -21,7 +21,7 @@ use crate::{
     points_ply::{self, PointCloud},
     shot::Shot,
 };
-pub use crate::{kinds::is_video, named::is_picture, shot::has_image_ending};
+pub use crate::{color_space::InputSpace, kinds::is_video, named::is_picture, shot::has_image_ending};
 use core::sync::atomic::{AtomicUsize, Ordering};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -225,6 +225,7 @@ fn list(folder: &Path, options: &LoadOptions) -> Result<(Files, Listing)> {
         LightTable::read(path)?.select(path, only.as_deref(), &mut listing)?;
     }
     masks::apply(options.masks, &mut listing)?;
+    listing.train.iter_mut().chain(&mut listing.test).for_each(|shot| shot.space = options.space);
     Ok((files, listing))
 }
 
@@ -287,6 +288,11 @@ pub fn note_changes(changes: &[Changes], notes: &mut Vec<String>) {
     let turned = count(|view| view.is_turned);
     if turned > 0 {
         notes.push(format!("rotated {turned} pictures by their EXIF orientation"));
+    }
+    let unclipped = count(|view| view.is_unclipped);
+    if unclipped > 0 {
+        let of_all = if unclipped < changes.len() { format!(" of {}", changes.len()) } else { String::new() };
+        notes.push(format!("{unclipped}{of_all} pictures are linear, with radiance above white"));
     }
     let undistorted = count(|view| view.is_undistorted);
     if undistorted > 0 {

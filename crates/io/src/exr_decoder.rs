@@ -4,6 +4,7 @@
 //! with only luminance, `Y`, is grey.
 
 use crate::{
+    color_space::Primaries,
     error::{Error, Result},
     input::{Input, Opened},
 };
@@ -20,12 +21,8 @@ use std::{collections::BTreeMap, io::BufReader};
 
 /// Names of layers with the final colours of a renderer.
 const SHOWN: [&str; 5] = ["combined", "beauty", "rgba", "rgb", "color"];
-/// Chromaticities of sRGB: red, green, blue and white, x and y of each.
-const REC_709: [[f32; 2]; 4] = [[0.64, 0.33], [0.3, 0.6], [0.15, 0.06], [0.3127, 0.329]];
 /// Maximum number of names in a sentence.
 const NAMES_MAX: usize = 8;
-/// Largest difference between chromaticities that count as equal.
-const SAME: f32 = 0.01;
 
 /// Decoder of the colours of a file.
 pub(crate) struct ExrDecoder<'a> {
@@ -68,11 +65,14 @@ impl<'a> ExrDecoder<'a> {
                 "{path:?} is read from its channel {red:?} and the matching ones, without the layers {others:?}"
             ));
         }
-        if !is_rec_709(header) {
-            notes.push(format!("{path:?} has primaries other than sRGB, which are ignored; convert it first"));
-        }
         let header = header.clone();
         Ok(Self { reader, header, names, notes })
+    }
+
+    /// Primaries that the file names.
+    pub(crate) fn primaries(&self) -> Option<Primaries> {
+        let found = self.header.shared_attributes.chromaticities?;
+        Some([found.red, found.green, found.blue, found.white].map(|Vec2(x, y)| [x, y].map(f64::from)))
     }
 
     fn channel_count(&self) -> usize {
@@ -119,13 +119,6 @@ fn without_color(headers: &[Header]) -> String {
     let channels = headers.iter().flat_map(|header| &header.channels.list);
     let names: Vec<String> = channels.take(NAMES_MAX).map(|channel| channel.name.to_string()).collect();
     format!("it has the channels {}, but neither R, G and B nor Y", names.join(", "))
-}
-
-fn is_rec_709(header: &Header) -> bool {
-    header.shared_attributes.chromaticities.is_none_or(|found| {
-        let found = [found.red, found.green, found.blue, found.white].map(|Vec2(x, y)| [x, y]);
-        found.as_flattened().iter().zip(REC_709.as_flattened()).all(|(found, known)| (found - known).abs() <= SAME)
-    })
 }
 
 impl ImageDecoder for ExrDecoder<'_> {

@@ -6,7 +6,6 @@
 //! cameras.
 
 use crate::pixels::Pixels;
-use specula_core::color::UNKNOWN;
 
 /// Steps of the search for the slope where a polynomial folds back.
 const REACH_STEPS: u32 = 2048;
@@ -160,19 +159,18 @@ impl Lens {
 
     /// Resamples a picture to a pinhole camera of the same size, focal lengths and principal point:
     /// bilinear in sRGB between the four nearest pixels, weighted by alpha. Pixels that the lens
-    /// did not see, or next to unknown ones, become [`UNKNOWN`]; parts outside of the pinhole's
+    /// did not see, or next to unknown ones, become unknown; parts outside of the pinhole's
     /// view are lost.
     pub fn undistorted(&self, picture: &Pixels) -> Pixels {
         assert_eq!([self.width, self.height], [picture.width, picture.height], "the lens is that of the picture");
         let reach = self.distortion.reach(self.farthest_slope());
-        let pixel = |x: u32, y: u32| -> [u8; 4] {
+        let pixel = |x: u32, y: u32| {
             let slopes = self.pinhole_slopes(f64::from(x) + 0.5, f64::from(y) + 0.5);
             let is_inside = slopes[0].hypot(slopes[1]) <= reach;
-            if is_inside { picture.between(self.pixel_of(slopes)) } else { UNKNOWN }
+            if is_inside { picture.between(self.pixel_of(slopes)) } else { None }
         };
-        let row = |y: u32| (0..self.width).flat_map(move |x| pixel(x, y));
-        let rgba = (0..self.height).flat_map(row).collect();
-        Pixels { rgba, ..*picture }
+        let row = |y: u32| (0..self.width).map(move |x| pixel(x, y));
+        picture.resampled(self.width, self.height, (0..self.height).flat_map(row))
     }
 
     /// Slopes of the pinhole's ray at a pixel position.
@@ -195,6 +193,7 @@ impl Lens {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use specula_core::color::UNKNOWN;
 
     /// Error of slopes after distortion and its inverse.
     const FOUND_AGAIN: f64 = 1e-9;
@@ -262,7 +261,7 @@ mod tests {
             color(before(&lens.distortion, lens.pinhole_slopes(x, y)))
         };
         let rgba = (0..lens.width * lens.height).flat_map(pixel).collect();
-        Pixels { width: lens.width, height: lens.height, rgba }
+        Pixels::of_bytes(lens.width, lens.height, rgba)
     }
 
     #[test]
@@ -282,7 +281,7 @@ mod tests {
         let [width, height] = SIZE;
         let outwards = Distortion::Polynomial { radial: [0.5, 0.0, 0.0, 0.0, 0.0, 0.0], tangential: [0.0; 2] };
         let lens = Lens { focal_px: [60.0; 2], principal_px: [48.0, 32.0], width, height, distortion: outwards };
-        let picture = lens.undistorted(&Pixels { width, height, rgba: vec![255; 4 * 96 * 64] });
+        let picture = lens.undistorted(&Pixels::of_bytes(width, height, vec![255; 4 * 96 * 64]));
         assert_eq!(picture.rgba[..4], UNKNOWN);
         assert_eq!(picture.rgba[4 * (32 * 96 + 48)..][..4], [255; 4]);
     }
@@ -294,7 +293,7 @@ mod tests {
         assert!((folding.reach(2.0) - 3.0_f64.sqrt().recip()).abs() < 1e-3, "{}", folding.reach(2.0));
         let [width, height] = SIZE;
         let lens = Lens { focal_px: [48.0; 2], principal_px: [48.0, 32.0], width, height, distortion: folding };
-        let picture = lens.undistorted(&Pixels { width, height, rgba: vec![255; 4 * 96 * 64] });
+        let picture = lens.undistorted(&Pixels::of_bytes(width, height, vec![255; 4 * 96 * 64]));
         assert_eq!(picture.rgba[4 * 32 * 96..][..4], UNKNOWN);
     }
 

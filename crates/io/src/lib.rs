@@ -46,6 +46,7 @@ pub mod budget;
 pub mod cameras;
 pub mod checkpoint;
 mod colmap;
+mod color_space;
 mod compressed_ply;
 mod cube;
 pub mod dataset;

@@ -1,6 +1,6 @@
 //! Options and listings that all data-set formats share.
 
-use crate::{points_ply::PointCloud, shot::Shot};
+use crate::{color_space::InputSpace, points_ply::PointCloud, shot::Shot};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -28,6 +28,8 @@ pub struct LoadOptions {
     pub lights: LightSource,
     /// Names of pictures that are left out.
     pub without: Vec<String>,
+    /// Colour space of the pictures.
+    pub space: InputSpace,
 }
 
 /// Source of the lights of the pictures, besides the lists of the data set itself.
@@ -88,6 +90,7 @@ impl Default for LoadOptions {
             masks: MaskUse::default(),
             lights: LightSource::default(),
             without: Vec::new(),
+            space: InputSpace::default(),
         }
     }
 }

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 pub const ALPHA_MIN: u8 = 128;
 
 /// Ground-truth materials of a view, at the size of its picture.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Materials {
     /// Base colour, sRGB-encoded, where alpha is at least [`ALPHA_MIN`]: the diffuse albedo of
     /// dielectrics, the reflectance at normal incidence of metals.

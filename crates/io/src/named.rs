@@ -20,9 +20,9 @@ use walkdir::{DirEntry, WalkDir};
 const FILES_MAX: usize = 1 << 20;
 const DEPTH_MAX: usize = 8;
 /// Extensions of unsupported pictures and videos, which are not reported as missing.
-const UNREAD_ENDINGS: [&str; 24] = [
-    "tif", "tiff", "heic", "heif", "avif", "jxl", "jp2", "jfif", "bmp", "gif", "exr", "hdr", "dng", "cr2", "cr3",
-    "nef", "arw", "raf", "orf", "rw2", "mp4", "mov", "mkv", "avi",
+const UNREAD_ENDINGS: [&str; 21] = [
+    "heic", "heif", "avif", "jxl", "jp2", "jfif", "bmp", "gif", "hdr", "dng", "cr2", "cr3", "nef", "arw", "raf", "orf",
+    "rw2", "mp4", "mov", "mkv", "avi",
 ];
 
 /// Reason why a picture has no file.

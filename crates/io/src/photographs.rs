@@ -8,6 +8,7 @@
 //! throughout; reducing one needs a row of sums.
 
 use crate::{
+    color_space::InputSpace,
     error::{Error, Result},
     lens::Lens,
     listing::{Listing, LoadOptions, TEST_EVERY},
@@ -257,6 +258,7 @@ fn shot(camera: Posed, file: PathBuf, downscale: u32, folders: &Folders<'_>, ski
     Shot {
         name: name_of(&image),
         image: file,
+        space: InputSpace::Auto,
         mask,
         is_cut_out: false,
         normal: None,

@@ -2,6 +2,7 @@
 
 use crate::{
     budget::{PICTURE, PICTURE_NOTES_MAX},
+    color_space::{InputSpace, is_linear_png, to_rec_709},
     error::{Error, Result},
     exr_decoder::ExrDecoder,
     input::Input,
@@ -9,8 +10,9 @@ use crate::{
 };
 use exr::meta::BlockDescription;
 use glam::Vec3;
+use half::f16;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, metadata::Orientation};
-use specula_core::color::{UNKNOWN, is_unknown};
+use specula_core::color::{UNKNOWN, is_unknown, srgb_from_linear};
 use std::{
     io::{BufRead, Read, Seek},
     path::Path,
@@ -34,8 +36,9 @@ const NORMALS: Future = Future { converted: 4, later: 4 + 13 + NORMALS_RESIZED }
 /// Bytes per pixel of resampled normals: sums of four numbers, a normal and a flag.
 pub(crate) const NORMALS_RESIZED: u64 = 16 + 13;
 
-/// A photograph as stored: eight bits per channel, sRGB, straight alpha.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// A photograph: sRGB with straight alpha, in 8 bits and, if it was linear, without a limit at
+/// white.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Pixels {
     /// Pixels in a row.
     pub width: u32,
@@ -43,7 +46,14 @@ pub struct Pixels {
     pub height: u32,
     /// Red, green, blue, alpha of each pixel, rows from the top; [`UNKNOWN`] for masked pixels.
     pub rgba: Vec<u8>,
+    /// Unclipped red, green and blue of each pixel ([`specula_core::color::Picture`]).
+    pub unclipped: Option<Vec<[f16; 3]>>,
 }
+
+/// Largest radiance of a picture: the largest number of a half.
+const RADIANCE_MAX: f32 = 65504.0;
+/// Least alpha of a pixel with a colour.
+const ALPHA_MIN: f32 = 1e-4;
 
 /// Relative tolerance of aspect ratios: downscaled sizes are rounded.
 const SHAPE_TOLERANCE: f64 = 0.02;
@@ -91,6 +101,11 @@ impl Pixels {
         Ok(Self::of(decode(Input::file(path), PHOTOGRAPH)?))
     }
 
+    /// Picture of 8 bits.
+    pub const fn of_bytes(width: u32, height: u32, rgba: Vec<u8>) -> Self {
+        Self { width, height, rgba, unclipped: None }
+    }
+
     /// Decodes an image with the orientation of its camera. `fits` returns whether a size has the
     /// camera's aspect ratio, if that is known. Structure from motion uses pictures as stored; a
     /// picture is therefore rotated by its EXIF orientation only if it fits rotated and not as
@@ -98,11 +113,18 @@ impl Pixels {
     ///
     /// Pictures to be downscaled by `downscale` are decoded at a lower resolution if the format
     /// allows it.
-    pub(crate) fn open(path: &Path, downscale: u32, fits: impl Fn([u32; 2]) -> Option<bool>) -> Result<OpenedPixels> {
-        if let Some((image, size)) = jpeg::decode_smaller(path, downscale) {
+    pub(crate) fn open(
+        path: &Path,
+        space: InputSpace,
+        downscale: u32,
+        fits: impl Fn([u32; 2]) -> Option<bool>,
+    ) -> Result<OpenedPixels> {
+        let smaller = if space.is_linear(false) { None } else { jpeg::decode_smaller(path, downscale) };
+        if let Some((image, size)) = smaller {
             return Ok(OpenedPixels { pixels: Self::of(image), size, turned: Orientation::NoTransforms });
         }
-        let (mut image, orientation) = decode_with_orientation(Input::file(path), PHOTOGRAPH)?;
+        let Decoded { mut image, orientation, is_linear, is_premultiplied } =
+            decode_in(Input::file(path), space, PHOTOGRAPH)?;
         let size = [image.width(), image.height()];
         let swapped = if swaps_sides(orientation) { [size[1], size[0]] } else { size };
         let turned = match (fits(size), fits(swapped)) {
@@ -110,7 +132,9 @@ impl Pixels {
             _ => orientation,
         };
         image.apply_orientation(turned);
-        let pixels = Self::of(image);
+        let is_float = matches!(image, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_));
+        let pixels =
+            if is_float || is_linear { Self::unclipped(image, is_linear, is_premultiplied) } else { Self::of(image) };
         Ok(OpenedPixels { size: [pixels.width, pixels.height], pixels, turned })
     }
 
@@ -120,7 +144,44 @@ impl Pixels {
         let mut rgba = image.into_raw();
         // Black transparent pixels stored in the file must not read as [`UNKNOWN`].
         rgba.chunks_exact_mut(4).filter(|pixel| is_unknown(pixel)).for_each(|pixel| pixel.copy_from_slice(&EMPTY));
-        Self { width, height, rgba }
+        Self::of_bytes(width, height, rgba)
+    }
+
+    /// Picture of linear numbers, or of sRGB's, without a limit at white. Pixels that are not finite
+    /// are unknown.
+    fn unclipped(image: DynamicImage, is_linear: bool, is_premultiplied: bool) -> Self {
+        let image = image.into_rgba32f();
+        let (width, height) = image.dimensions();
+        let mut pixels = Samples::new(width, height, true);
+        for pixel in image.as_raw().as_chunks::<4>().0 {
+            let [red, green, blue, alpha] = *pixel;
+            let alpha = alpha.clamp(0.0, 1.0);
+            let scale = if !is_premultiplied {
+                1.0
+            } else if alpha < ALPHA_MIN {
+                0.0
+            } else {
+                alpha.recip()
+            };
+            let number = |number: f32| {
+                let number = (number * scale).clamp(0.0, RADIANCE_MAX);
+                255.0 * if is_linear { srgb_from_linear(number) } else { number }
+            };
+            let is_known = pixel.iter().all(|number| !number.is_nan());
+            pixels.push(is_known.then(|| [number(red), number(green), number(blue), alpha * 255.0]));
+        }
+        pixels.done()
+    }
+
+    /// Red, green, blue and alpha of a pixel, 255 for white and opaque; `None` if it is unknown.
+    fn at(&self, x: usize, y: usize) -> Option<[f32; 4]> {
+        let index = y * self.width as usize + x;
+        let bytes = &self.rgba[4 * index..][..4];
+        let mut pixel = [0, 1, 2, 3].map(|k| f32::from(bytes[k]));
+        if let Some(colors) = &self.unclipped {
+            pixel[..3].copy_from_slice(&colors[index].map(|number| 255.0 * f32::from(number)));
+        }
+        (!is_unknown(bytes)).then_some(pixel)
     }
 
     /// Averages colours over the area of each new pixel, weighted by alpha so that invisible pixels
@@ -133,22 +194,27 @@ impl Pixels {
 
     /// Averages a picture whose right and lower edges lie at `from`, in pixels.
     fn averaged(&self, from: [f64; 2], [width, height]: [u32; 2]) -> Self {
-        let average = |x: usize, y: usize| {
-            let pixel = &self.rgba[4 * (y * self.width as usize + x)..][..4];
-            if is_unknown(pixel) { [0.0, 0.0, 0.0, 0.0, 1.0] } else { with_zero(premultiply(pixel)) }
-        };
+        let average =
+            |x: usize, y: usize| self.at(x, y).map_or([0.0, 0.0, 0.0, 0.0, 1.0], |pixel| with_zero(premultiply(pixel)));
         let averages = area_average(average, from, [width, height]);
-        Self { width, height, rgba: averages.into_iter().flat_map(straighten).collect() }
+        self.resampled(width, height, averages.into_iter().map(straighten))
     }
 
-    /// Colour at a position in pixels from the upper left corner: bilinear between the four nearest
-    /// pixels, weighted by alpha, and [`UNKNOWN`] outside of the picture or next to an unknown
-    /// pixel.
-    pub(crate) fn between(&self, [x, y]: [f64; 2]) -> [u8; 4] {
+    /// Picture of other pixels, with colours of the same kind; `None` for unknown pixels.
+    pub(crate) fn resampled(&self, width: u32, height: u32, pixels: impl Iterator<Item = Option<[f32; 4]>>) -> Self {
+        let mut samples = Samples::new(width, height, self.unclipped.is_some());
+        pixels.for_each(|pixel| samples.push(pixel));
+        samples.done()
+    }
+
+    /// Colour at a position in pixels from the upper left corner, 255 for white and opaque: bilinear
+    /// between the four nearest pixels, weighted by alpha, and `None` outside of the picture or next
+    /// to an unknown pixel.
+    pub(crate) fn between(&self, [x, y]: [f64; 2]) -> Option<[f32; 4]> {
         let [width, height] = [self.width, self.height].map(f64::from);
         // The comparison is also false for NaN.
         if !(x >= 0.0 && y >= 0.0 && x <= width && y <= height) {
-            return UNKNOWN;
+            return None;
         }
         let [x, y] = [(x - 0.5).clamp(0.0, width - 1.0), (y - 0.5).clamp(0.0, height - 1.0)];
         let (left, top) = (x as usize, y as usize);
@@ -162,11 +228,7 @@ impl Pixels {
         ];
         let mut sum = [0.0; 5];
         for (x, y, weight) in corners.into_iter().filter(|(_, _, weight)| *weight > 0.0) {
-            let pixel = &self.rgba[4 * (y * self.width as usize + x)..][..4];
-            if is_unknown(pixel) {
-                return UNKNOWN;
-            }
-            let color = premultiply(pixel);
+            let color = premultiply(self.at(x, y)?);
             (0..4).for_each(|k| sum[k] += weight * color[k]);
         }
         straighten(sum)
@@ -178,9 +240,35 @@ impl Pixels {
     }
 }
 
-fn premultiply(pixel: &[u8]) -> [f32; 4] {
-    let alpha = f32::from(pixel[3]) / 255.0;
-    [f32::from(pixel[0]) * alpha, f32::from(pixel[1]) * alpha, f32::from(pixel[2]) * alpha, alpha]
+/// Pixels of a picture, one after the other.
+struct Samples(Pixels);
+
+impl Samples {
+    fn new(width: u32, height: u32, is_unclipped: bool) -> Self {
+        let count = width as usize * height as usize;
+        let unclipped = is_unclipped.then(|| Vec::with_capacity(count));
+        Self(Pixels { width, height, rgba: Vec::with_capacity(4 * count), unclipped })
+    }
+
+    /// Adds a pixel, 255 for white and opaque; `None` for an unknown one.
+    fn push(&mut self, pixel: Option<[f32; 4]>) {
+        // Conversions saturate, and rounding of transparent pixels must not read as unknown.
+        let bytes = pixel.map_or(UNKNOWN, |pixel| pixel.map(|number| (number + 0.5) as u8));
+        self.0.rgba.extend(if pixel.is_some() && is_unknown(&bytes) { EMPTY } else { bytes });
+        if let Some(colors) = &mut self.0.unclipped {
+            let color = |k: usize| f16::from_f32(pixel.map_or(0.0, |pixel| pixel[k] / 255.0));
+            colors.push([color(0), color(1), color(2)]);
+        }
+    }
+
+    fn done(self) -> Pixels {
+        self.0
+    }
+}
+
+fn premultiply([red, green, blue, alpha]: [f32; 4]) -> [f32; 4] {
+    let alpha = alpha / 255.0;
+    [red * alpha, green * alpha, blue * alpha, alpha]
 }
 
 fn with_zero([red, green, blue, alpha]: [f32; 4]) -> [f32; 5] {
@@ -188,13 +276,10 @@ fn with_zero([red, green, blue, alpha]: [f32; 4]) -> [f32; 5] {
 }
 
 /// Converts a mean of premultiplied colours and alphas, with the share of unknown area, to straight
-/// alpha.
-fn straighten([red, green, blue, alpha, unknown]: [f32; 5]) -> [u8; 4] {
-    if unknown > 0.5 {
-        return UNKNOWN;
-    }
+/// alpha; `None` if most of the area is unknown.
+fn straighten([red, green, blue, alpha, unknown]: [f32; 5]) -> Option<[f32; 4]> {
     let scale = if alpha > 0.0 { alpha.recip() } else { 0.0 };
-    [red * scale, green * scale, blue * scale, alpha / (1.0 - unknown) * 255.0].map(|channel| (channel + 0.5) as u8)
+    (unknown <= 0.5).then(|| [red * scale, green * scale, blue * scale, alpha / (1.0 - unknown) * 255.0])
 }
 
 /// Empty pixel.
@@ -327,13 +412,24 @@ impl Normals {
     }
 }
 
-/// Decodes an image by its content, or else by its extension.
-pub(crate) fn decode(input: Input<'_>, future: Future) -> Result<DynamicImage> {
-    decode_with_orientation(input, future).map(|(image, _)| image)
+/// A decoded image, with what its file says of it.
+struct Decoded {
+    image: DynamicImage,
+    /// EXIF orientation.
+    orientation: Orientation,
+    /// Whether numbers are linear, in Rec. 709's primaries.
+    is_linear: bool,
+    /// Whether colours are multiplied by alpha.
+    is_premultiplied: bool,
 }
 
-/// Decodes an image and its EXIF orientation.
-fn decode_with_orientation(input: Input<'_>, future: Future) -> Result<(DynamicImage, Orientation)> {
+/// Decodes an image by its content, or else by its extension.
+pub(crate) fn decode(input: Input<'_>, future: Future) -> Result<DynamicImage> {
+    decode_in(input, InputSpace::Auto, future).map(|decoded| decoded.image)
+}
+
+/// Decodes an image in a colour space.
+fn decode_in(input: Input<'_>, space: InputSpace, future: Future) -> Result<Decoded> {
     let path = input.path();
     let mut reader = ImageReader::new(input.open()?);
     if let Ok(format) = ImageFormat::from_path(path) {
@@ -345,8 +441,13 @@ fn decode_with_orientation(input: Input<'_>, future: Future) -> Result<(DynamicI
     let mut limits = Limits::no_limits();
     limits.max_alloc = Some(PICTURE_NOTES_MAX);
     reader.limits(limits.clone());
+    let (mut primaries, mut says_linear) = (None, false);
     let mut decoder: Box<dyn ImageDecoder + '_> = match format {
-        Some(ImageFormat::OpenExr) => Box::new(ExrDecoder::new(input)?),
+        Some(ImageFormat::OpenExr) => {
+            let decoder = ExrDecoder::new(input)?;
+            (primaries, says_linear) = (decoder.primaries(), true);
+            Box::new(decoder)
+        }
         _ => Box::new(reader.into_decoder().map_err(Error::decoding(path))?),
     };
     limits.max_alloc = Some(PICTURE.of(input.len()?));
@@ -355,7 +456,11 @@ fn decode_with_orientation(input: Input<'_>, future: Future) -> Result<(DynamicI
     decoder.set_limits(limits).map_err(Error::decoding(path))?;
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
     let image = DynamicImage::from_decoder(decoder).map_err(Error::decoding(path))?;
-    Ok((with_pixels(path, image)?, orientation))
+    let image = with_pixels(path, image)?;
+    says_linear |= format == Some(ImageFormat::Png) && is_linear_png(input)?;
+    let is_linear = space.is_linear(says_linear);
+    let image = if is_linear { to_rec_709(image, space.primaries(primaries)) } else { image };
+    Ok(Decoded { image, orientation, is_linear, is_premultiplied: format == Some(ImageFormat::OpenExr) })
 }
 
 /// Checks the memory of decoding, conversion and downscaling against the budget. Returns the
@@ -537,7 +642,7 @@ mod tests {
     use super::*;
 
     fn pixels(width: u32, height: u32, rgba: &[[u8; 4]]) -> Pixels {
-        Pixels { width, height, rgba: rgba.concat() }
+        Pixels::of_bytes(width, height, rgba.concat())
     }
 
     #[test]
@@ -572,8 +677,8 @@ mod tests {
         assert_eq!(row.resized(2, 1).rgba, [[200, 100, 50, 255], [90, 80, 70, 128]].concat());
         let row = pixels(3, 1, &[UNKNOWN, [9; 4], UNKNOWN]);
         assert_eq!(row.resized(1, 1).rgba, UNKNOWN);
-        assert_eq!((row.between([1.5, 0.5]), row.between([1.2, 0.5])), ([9; 4], UNKNOWN));
-        assert_eq!((row.between([-0.1, 0.5]), row.between([f64::NAN, 0.5])), (UNKNOWN, UNKNOWN));
+        assert_eq!((row.between([1.5, 0.5]), row.between([1.2, 0.5])), (Some([9.0; 4]), None));
+        assert_eq!((row.between([-0.1, 0.5]), row.between([f64::NAN, 0.5])), (None, None));
     }
 
     #[test]

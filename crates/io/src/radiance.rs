@@ -2,18 +2,19 @@
 //! each.
 
 use crate::{
+    color_space::{Primaries, xyz_from_rgb},
     error::{Error, Result},
     input::Input,
     pixels::{Future, ask_for, with_pixels},
 };
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use image::{DynamicImage, ImageFormat, codecs::hdr::HdrDecoder};
 use std::io::{BufRead, Cursor, Read};
 
 /// Longest header: a thousand times the common length.
 const HEADER_MAX: u64 = 1 << 16;
 /// Chromaticities of Radiance's red, green, blue and white.
-const PRIMARIES: [[f64; 2]; 4] = [[0.64, 0.33], [0.29, 0.6], [0.15, 0.06], [1.0 / 3.0, 1.0 / 3.0]];
+const PRIMARIES: Primaries = [[0.64, 0.33], [0.29, 0.6], [0.15, 0.06], [1.0 / 3.0, 1.0 / 3.0]];
 /// Largest difference of chromaticities of Radiance's and of sRGB's primaries.
 const SAME: f64 = 0.025;
 
@@ -123,9 +124,7 @@ fn is_neutral(key: &str, value: &str) -> bool {
 
 /// Converts CIE XYZ to Radiance's red, green and blue, mapping white to white.
 fn rgb_from_xyz(image: DynamicImage) -> DynamicImage {
-    let [red, green, blue, white] = PRIMARIES.map(|[x, y]| DVec3::new(x / y, 1.0, (1.0 - x - y) / y));
-    let primaries = DMat3::from_cols(red, green, blue);
-    let rgb_from_xyz = (primaries * DMat3::from_diagonal(primaries.inverse() * white)).inverse();
+    let rgb_from_xyz = xyz_from_rgb(PRIMARIES).inverse();
     let mut image = image.into_rgb32f();
     for pixel in image.pixels_mut() {
         pixel.0 = (rgb_from_xyz * DVec3::from(pixel.0.map(f64::from))).as_vec3().to_array();

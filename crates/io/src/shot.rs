@@ -2,6 +2,7 @@
 
 use crate::{
     budget::PICTURE,
+    color_space::InputSpace,
     error::{Error, Result},
     input::Input,
     lens::{Distortion, Lens},
@@ -17,7 +18,7 @@ use specula_core::{
 use std::path::{Path, PathBuf};
 
 /// Extensions of images, tried if the named file does not exist or has no extension.
-pub const IMAGE_ENDINGS: [&str; 4] = ["png", "jpg", "jpeg", "webp"];
+pub const IMAGE_ENDINGS: [&str; 7] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "exr"];
 
 /// A photograph with its camera.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,6 +59,8 @@ pub(crate) struct Shot {
     pub(crate) name: String,
     /// Path of the image.
     pub(crate) image: PathBuf,
+    /// Colour space of the image.
+    pub(crate) space: InputSpace,
     /// Path of the mask.
     pub(crate) mask: Option<PathBuf>,
     /// Whether masked pixels are empty, rather than unknown.
@@ -100,6 +103,8 @@ pub struct Changes {
     pub is_undistorted: bool,
     /// Whether the picture was rotated by its EXIF orientation.
     pub is_turned: bool,
+    /// Whether the picture has no limit at white.
+    pub is_unclipped: bool,
     /// Number of unknown pixels.
     pub unknown: u64,
     /// Number of all pixels.
@@ -118,7 +123,7 @@ impl Shot {
     pub(crate) fn open(&self) -> Result<(View, Changes)> {
         // A mask applies to the picture at full size, pixel by pixel.
         let downscale = if self.mask.is_some() { 1 } else { self.downscale };
-        let mut stored = Pixels::open(&self.image, downscale, |size| self.fits(size))?;
+        let mut stored = Pixels::open(&self.image, self.space, downscale, |size| self.fits(size))?;
         let (size, turned) = (stored.size, stored.turned);
         self.refuse_other_shape(size)?;
         let lens = (self.lens)(size)?;
@@ -143,7 +148,8 @@ impl Shot {
         let camera = camera_of(&self.pose, &lens);
         let view = View { name: self.name.clone(), camera, image, normal, materials };
         let is_turned = turned != Orientation::NoTransforms;
-        Ok((view, Changes { is_undistorted, is_turned, unknown, pixels }))
+        let is_unclipped = view.image.unclipped.is_some();
+        Ok((view, Changes { is_undistorted, is_turned, is_unclipped, unknown, pixels }))
     }
 
     /// True if a picture of this size has the aspect ratio of its camera; `None` if that is

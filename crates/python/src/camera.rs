@@ -169,7 +169,7 @@ impl View {
     pub(crate) fn read(&self, py: Python<'_>) -> PyResult<specula_train::view::View> {
         let rgba = self.rgba.bind(py).to_vec()?;
         let Camera { camera, name } = self.camera.clone();
-        Ok(specula_train::view::View { name, camera, rgba, normals: None })
+        Ok(specula_train::view::View { name, camera, rgba, unclipped: None, normals: None })
     }
 }
 

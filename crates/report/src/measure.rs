@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 use specula_io::model_folder;
 use specula_scene::{SceneError, SceneRenderer, picture_folder::picture_name};
 use specula_train::{
-    evaluate::{ViewQuality, fitted_psnr, measure_view},
+    evaluate::{ViewQuality, fitted_psnr, linear_psnr, measure_view},
     view::View,
 };
 use std::path::Path;
@@ -30,7 +30,7 @@ pub struct Measure {
 }
 
 /// Every measure, in the order of tables.
-pub const MEASURES: [Measure; 10] = [
+pub const MEASURES: [Measure; 11] = [
     Measure { name: "PSNR", label: "PSNR", unit: " dB", decimals: 2, higher_is_better: true },
     Measure { name: "SSIM", label: "SSIM", unit: "", decimals: 4, higher_is_better: true },
     Measure { name: "LPIPS", label: "LPIPS", unit: "", decimals: 4, higher_is_better: false },
@@ -42,6 +42,7 @@ pub const MEASURES: [Measure; 10] = [
         decimals: 2,
         higher_is_better: true,
     },
+    Measure { name: "PSNR_linear", label: "PSNR of linear radiance", unit: " dB", decimals: 2, higher_is_better: true },
     Measure { name: "MAE", label: "normal MAE", unit: "°", decimals: 2, higher_is_better: false },
     Measure { name: "MAE_weighted", label: "weighted MAE", unit: "°", decimals: 2, higher_is_better: false },
     Measure { name: "albedo_PSNR", label: "albedo PSNR", unit: " dB", decimals: 2, higher_is_better: true },
@@ -58,16 +59,18 @@ pub const LPIPS: usize = 2;
 pub const FLIP: usize = 3;
 /// Index of PSNR after the exposure that fits the ground truth best in [`MEASURES`].
 pub const PSNR_FITTED: usize = 4;
+/// Index of the peak signal-to-noise ratio of linear radiance in [`MEASURES`].
+pub const PSNR_LINEAR: usize = 5;
 /// Index of the mean angle between normals in [`MEASURES`].
-pub const MAE: usize = 5;
+pub const MAE: usize = 6;
 /// Index of the mean angle between normals, weighted by opacity, in [`MEASURES`].
-pub const MAE_WEIGHTED: usize = 6;
+pub const MAE_WEIGHTED: usize = 7;
 /// Index of PSNR of the albedo after scaling ([`mod@crate::materials`]) in [`MEASURES`].
-pub const ALBEDO_PSNR: usize = 7;
+pub const ALBEDO_PSNR: usize = 8;
 /// Index of the mean absolute error of perceptual roughness in [`MEASURES`].
-pub const ROUGHNESS_ERROR: usize = 8;
+pub const ROUGHNESS_ERROR: usize = 9;
 /// Index of the mean absolute error of metalness in [`MEASURES`].
-pub const METALNESS_ERROR: usize = 9;
+pub const METALNESS_ERROR: usize = 10;
 
 impl Measure {
     /// Value with its significant decimal places.
@@ -127,6 +130,7 @@ pub fn measure_views(
     renderer.render_views(views, progress, |view, image| {
         let mut measured: ViewMeasures = measure_view(image, view, background).into();
         measured.values[PSNR_FITTED] = is_exposed.then(|| fitted_psnr(image, view, background));
+        measured.values[PSNR_LINEAR] = linear_psnr(image, view, background);
         Ok(measured.of_known(view))
     })
 }
@@ -213,7 +217,7 @@ mod tests {
     fn a_view_without_a_known_pixel_has_no_measures() {
         let camera = Camera::look_at(glam::Vec3::X, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 2, 1);
         let of = |rgba: [u8; 8]| {
-            let seen = View { name: "one".into(), camera, rgba: rgba.to_vec(), normals: None };
+            let seen = View { name: "one".into(), camera, rgba: rgba.to_vec(), unclipped: None, normals: None };
             view(f64::INFINITY, None).of_known(&seen).values
         };
         let [r, g, b, a] = UNKNOWN;

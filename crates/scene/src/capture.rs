@@ -11,7 +11,7 @@ pub use facts::Photograph;
 
 use crate::{
     SceneError,
-    dataset::{InitialPoints, RANDOM_POINTS, points_of, summary, view_of},
+    dataset::{InitialPoints, RANDOM_POINTS, pixel_checksum, points_of, summary, view_of},
     following_light::{FollowingLight, LightFollows, light_of_turned_object},
     orientation::{centre, estimate, up},
     training::{PictureSum, describe_pictures},
@@ -34,7 +34,7 @@ use specula_train::{
     pictures::PictureError,
     start::{Point, points_behind, points_within},
     trainer::Settings,
-    view::{View, extent_of_cameras},
+    view::{View, extent_of_cameras, pixel_bytes},
 };
 use std::{path::Path, sync::Arc};
 
@@ -338,7 +338,8 @@ impl Capture {
             Ok((view, _)) => Ok(without_truth(view)),
             Err(error) => Err(PictureError(error.to_string())),
         };
-        let store = PictureStore::new(self.cameras(), self.budget, decoder_count(), open);
+        let pixel_bytes = pixel_bytes(self.train.iter().any(|photograph| photograph.changes.is_unclipped));
+        let store = PictureStore::new(self.cameras(), pixel_bytes, self.budget, decoder_count(), open);
         core::mem::take(&mut self.decoded).into_iter().for_each(|(index, view)| store.add(index, view));
         store
     }
@@ -384,7 +385,7 @@ fn opened(album: &Album, index: usize, photograph: &Photograph) -> Result<(View,
     let view = view_of(view);
     let Camera { near, light_from_world, light, .. } = photograph.camera;
     let camera = Camera { near, light_from_world, light, ..view.camera };
-    if camera != photograph.camera || crc32fast::hash(&view.rgba) != photograph.checksum {
+    if camera != photograph.camera || pixel_checksum(&view.rgba, view.unclipped.as_deref()) != photograph.checksum {
         return Err(Error::Changed { path: album.path(index).to_owned() });
     }
     Ok((View { camera, ..view }, materials))
@@ -411,7 +412,7 @@ fn decode(
     let open = |index: usize| {
         let opened = album.open(index).map(|(view, changes)| {
             let facts = Facts::of(&view, changes, wanted, index);
-            let bytes = view.image.rgba.len() as u64;
+            let bytes = changes.pixels * pixel_bytes(changes.is_unclipped);
             let is_kept = index < album.train_count() && held.fetch_add(bytes, Ordering::Relaxed) + bytes <= budget;
             (facts, is_kept.then(|| (index, without_truth(view_of(view)))))
         });

@@ -2,16 +2,19 @@
 //! estimated from the cameras.
 
 use crate::{number::group_digits, orientation::estimate};
+use half::f16;
 use specula_core::camera::{Camera, near_of};
 use specula_io::{
     Result,
     cameras::NamedCamera,
     dataset::{
-        self, IMAGES, LightSource, LoadOptions, MaskUse, Report, TEST_EVERY, has_image_ending, is_picture, is_video,
+        self, IMAGES, InputSpace, LightSource, LoadOptions, MaskUse, Report, TEST_EVERY, has_image_ending, is_picture,
+        is_video,
     },
     materials::Materials,
     model_folder::ModelInfo,
     orientation::Orientation,
+    pixels::Pixels,
     points_ply::PointCloud,
 };
 use specula_train::{
@@ -109,7 +112,18 @@ fn sizes<'a>(cameras: impl Iterator<Item = &'a &'a Camera>) -> String {
 /// View of a picture that was decoded.
 pub(crate) fn view_of(view: dataset::View) -> View {
     let normals = view.normal.map(|normal| Normals { values: normal.values, mask: normal.mask });
-    View { name: view.name, camera: view.camera, rgba: view.image.rgba, normals }
+    let Pixels { rgba, unclipped, .. } = view.image;
+    View { name: view.name, camera: view.camera, rgba, unclipped, normals }
+}
+
+/// CRC-32 of the pixels of a picture.
+pub(crate) fn pixel_checksum(rgba: &[u8], unclipped: Option<&[[f16; 3]]>) -> u32 {
+    let mut hasher = crc32fast::Hasher::new();
+    hasher.update(rgba);
+    for color in unclipped.unwrap_or_default() {
+        color.iter().for_each(|number| hasher.update(&number.to_le_bytes()));
+    }
+    hasher.finalize()
 }
 
 /// Cameras of views, with the names of the views.
@@ -134,19 +148,19 @@ pub fn cloud_of(points: &[Point]) -> PointCloud {
 
 /// Options with which the training of a model read its data set.
 pub fn options_of(info: &ModelInfo) -> LoadOptions {
-    let images = info.rest.get("images").and_then(|images| images.as_str()).unwrap_or(IMAGES).to_owned();
+    let named = |key: &str| info.rest.get(key).and_then(|name| name.as_str());
     let every = info.rest.get("test_every").and_then(|every| u32::try_from(every.as_u64()?).ok());
-    let masks = info.rest.get("masks").and_then(|masks| masks.as_str());
     LoadOptions {
         downscale: info.downscale.max(1),
         with_test: info.eval,
         points: None,
-        images,
+        images: named("images").unwrap_or(IMAGES).to_owned(),
         test_every: every.unwrap_or(TEST_EVERY),
         origin: Some(info.origin),
-        masks: masks.and_then(MaskUse::named).unwrap_or_default(),
+        masks: named("masks").and_then(MaskUse::named).unwrap_or_default(),
         lights: if info.light_names().is_empty() { LightSource::Unknown } else { LightSource::Known },
         without: info.left_out().into_iter().map(str::to_owned).collect(),
+        space: named("input_space").and_then(InputSpace::named).unwrap_or_default(),
     }
 }
 

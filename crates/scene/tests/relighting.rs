@@ -274,7 +274,13 @@ fn photographs(world: &World<'_>, count: u32) -> Vec<View> {
             let [red, green, blue] = pixel.radiance.map(|x| byte(srgb_from_linear(x as f32).into()));
             [red, green, blue, byte(pixel.coverage)]
         };
-        View { name: index.to_string(), camera, rgba: pixels.iter().flat_map(rgba).collect(), normals: None }
+        View {
+            name: index.to_string(),
+            camera,
+            rgba: pixels.iter().flat_map(rgba).collect(),
+            unclipped: None,
+            normals: None,
+        }
     };
     (0..count).map(view).collect()
 }

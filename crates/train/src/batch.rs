@@ -177,7 +177,7 @@ mod tests {
         const ROUNDING: f32 = 1e-4;
         const BATCH: u32 = 2;
         let camera = Camera::look_at(Vec3::X * 3.0, Vec3::ZERO, Vec3::Z, 0.7, 32, 32);
-        let views = [View { name: "one".into(), camera, rgba: vec![200; 32 * 32 * 4], normals: None }];
+        let views = [View { name: "one".into(), camera, rgba: vec![200; 32 * 32 * 4], unclipped: None, normals: None }];
         let points = [0.0, 0.2].map(|z| Point { position: [0.0, 0.0, z], color: [0.5; 3] });
         let moved = |batch: u32| {
             let profile = by_name("3dgs", 100 * batch).expect("a profile").for_batches(batch);

@@ -2,6 +2,7 @@
 
 use crate::view::{Normals, View};
 use specula_core::{
+    color::linear_from_srgb,
     executor::Renderer,
     expose::{Exposure, IDENTITY, expose},
     least_squares::{LeastSquares, Row, UNKNOWNS_MAX},
@@ -165,6 +166,20 @@ pub fn measure_pair(pair: &Pair, image: &Image<Vec<f32>>, view: &View) -> ViewQu
         ssim: ssim_of_known(*width, rendered, truth, known.as_deref()),
         normal_mae: normal_error(image, view),
     }
+}
+
+/// PSNR in dB of linear radiance, with white as 1 and no limit above it, for pictures that are
+/// linear themselves; `None` for others.
+pub fn linear_psnr(image: &Image<Vec<f32>>, view: &View, background: [f32; 3]) -> Option<f64> {
+    let truth = view.radiance_over(background)?;
+    let mut rendered: Vec<f32> = over_background(image, background).into_iter().map(linear_from_srgb).collect();
+    let known = view.known();
+    if let Some(known) = &known {
+        blacken(&mut rendered, known);
+    }
+    let square = |(x, y): (&f32, &f32)| (f64::from(*x) - f64::from(*y)).powi(2);
+    let mean = rendered.iter().zip(&truth).map(square).sum::<f64>() / truth.len() as f64;
+    Some(psnr(mean / known.as_deref().map_or(1.0, share_of)))
 }
 
 /// PSNR in dB after fitting an exposure to the ground truth. Photographs of a scene may differ in
@@ -342,7 +357,7 @@ mod tests {
         let camera = Camera::look_at(Vec3::X * 4.0, Vec3::ZERO, Vec3::Z, 0.7, width as u32, height as u32);
         let truth = |k: usize| if k % width < 20 { [k as u8, 77, 3, 255] } else { UNKNOWN };
         let rgba = (0..width * height).flat_map(truth).collect();
-        let view = View { name: "torn".into(), camera, rgba, normals: None };
+        let view = View { name: "torn".into(), camera, rgba, unclipped: None, normals: None };
         // Known pixels are one level too bright; unknown ones hold noise, then zeros.
         let image = |elsewhere: fn(usize) -> f32| {
             let shown = |c: usize, k: usize| match view.rgba[4 * k..4 * k + 4] {
@@ -385,7 +400,7 @@ mod tests {
         let mask: Vec<bool> = (0..width).map(|pixel| pixel != 4).collect();
         let values = mask.iter().map(|mask| [f32::from(u8::from(*mask)), 0.0, 0.0]).collect();
         let rgba = PIXELS.iter().flat_map(|(alpha, ..)| [9, 9, 9, *alpha]).collect();
-        let view = View { name: "one".into(), camera, rgba, normals: Some(Normals { values, mask }) };
+        let view = View { name: "one".into(), camera, rgba, unclipped: None, normals: Some(Normals { values, mask }) };
 
         let alike = measure_view(&image, &view, [1.0; 3]).normal_mae.unwrap();
         assert!((alike - (0.0 + 90.0 + 45.0) / 3.0).abs() < 1e-6, "{alike}°: the faint edge does not count");
@@ -414,7 +429,7 @@ mod tests {
         let seen = over_background(&exposed(&image, exposure), BACKGROUND);
         let pixel = |k: usize| [0, 1, 2].map(|c| quantize(seen[c * width * height + k]));
         let rgba = (0..width * height).map(pixel).flat_map(|[r, g, b]| [r, g, b, 255]).collect();
-        (image, View { name: "one".into(), camera, rgba, normals: None })
+        (image, View { name: "one".into(), camera, rgba, unclipped: None, normals: None })
     }
 
     const BACKGROUND: [f32; 3] = [0.9, 0.5, 0.1];

@@ -9,7 +9,7 @@
 //! # use specula_train::{profile::by_name, trainer::{Settings, Trainer}, view::View};
 //! # let camera = Camera::look_at(Vec3::new(0.0, -3.0, 0.5), Vec3::ZERO, Vec3::Z, 0.7, 32, 32);
 //! # let rgba = [100, 100, 100, 255].repeat(32 * 32);
-//! # let views = [View { name: "grey".into(), camera, rgba, normals: None }];
+//! # let views = [View { name: "grey".into(), camera, rgba, unclipped: None, normals: None }];
 //! # let profile = by_name("specula", 10).expect("a profile that there is");
 //! # let (iterations, background) = (10, [1.0; 3]);
 //! # let settings = Settings { profile, iterations, seed: 0, background, random_points: 500 };

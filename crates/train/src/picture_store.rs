@@ -8,7 +8,7 @@
 
 use crate::{
     pictures::{PictureError, PictureKey, PictureSource, Pictures, Turn},
-    view::View,
+    view::{View, pixel_bytes},
 };
 use core::{cmp::Reverse, fmt, panic::AssertUnwindSafe};
 use specula_core::camera::Camera;
@@ -45,20 +45,23 @@ pub struct Held {
 }
 
 impl PictureStore {
-    /// Store of pictures with these cameras, which keeps at most `budget` bytes of pixels, or a
-    /// single larger picture. `open` decodes a view, on one of `decoders` threads.
+    /// Store of pictures with these cameras and `pixel_bytes` for each pixel ([`pixel_bytes`]), which
+    /// keeps at most `budget` bytes of pixels, or a single larger picture. `open` decodes a view, on
+    /// one of `decoders` threads.
     ///
     /// # Panics
     ///
     /// Panics if the system has no more threads.
     pub fn new(
         cameras: Vec<Camera>,
+        pixel_bytes: u64,
         budget: u64,
         decoders: usize,
         open: impl Fn(usize) -> Result<View, PictureError> + Send + Sync + 'static,
     ) -> Self {
         let shelf = Arc::new(Shelf {
             cameras,
+            pixel_bytes,
             budget,
             open: Box::new(open),
             state: Mutex::new(State::default()),
@@ -105,7 +108,10 @@ impl PictureSource for PictureStore {
 impl PictureSource for [View] {
     fn pictures(&self) -> Box<dyn Pictures> {
         let cameras = self.iter().map(|view| view.camera).collect();
-        let store = PictureStore::new(cameras, u64::MAX, 0, |_| Err(PictureError("a picture was given away".into())));
+        let pixel_bytes = pixel_bytes(self.iter().any(|view| view.unclipped.is_some()));
+        let store = PictureStore::new(cameras, pixel_bytes, u64::MAX, 0, |_| {
+            Err(PictureError("a picture was given away".into()))
+        });
         self.iter().enumerate().for_each(|(index, view)| store.add(index, view.clone()));
         store.pictures()
     }
@@ -137,6 +143,7 @@ impl Drop for PictureStore {
 /// Contents of a store, shared by its decoders and readers.
 struct Shelf {
     cameras: Vec<Camera>,
+    pixel_bytes: u64,
     budget: u64,
     open: Box<Open>,
     state: Mutex<State>,
@@ -269,7 +276,7 @@ impl Shelf {
     fn bytes_of(&self, PictureKey { view, is_halved }: PictureKey) -> u64 {
         let Camera { width, height, .. } = self.cameras[view];
         let part = if is_halved { 2 } else { 1 };
-        4 * u64::from(width / part) * u64::from(height / part)
+        self.pixel_bytes * u64::from(width / part) * u64::from(height / part)
     }
 
     /// Bytes during decoding, which starts at full size.
@@ -457,7 +464,7 @@ mod tests {
     /// View with its number as pixels.
     fn view(index: usize) -> View {
         let rgba = vec![index as u8; PICTURE as usize];
-        View { name: index.to_string(), camera: cameras(1)[0], rgba, normals: None }
+        View { name: index.to_string(), camera: cameras(1)[0], rgba, unclipped: None, normals: None }
     }
 
     fn turns(views: &[usize], is_halved: bool) -> Vec<Turn> {
@@ -476,7 +483,7 @@ mod tests {
         let views = [3, 1, 4, 1, 5, 0, 2, 3, 5, 4, 0, 1, 2];
         for budget in [0, 1, 2, 3, 6] {
             for decoders in [0, 1, 3] {
-                let store = PictureStore::new(cameras(6), budget * PICTURE, decoders, |index| Ok(view(index)));
+                let store = PictureStore::new(cameras(6), 4, budget * PICTURE, decoders, |index| Ok(view(index)));
                 let mut pictures = store.pictures();
                 let all = [turns(&views, true), turns(&views, false)];
                 for (turns, size) in all.iter().zip([SIZE / 2, SIZE]) {
@@ -503,7 +510,7 @@ mod tests {
             count.fetch_add(1, Ordering::Relaxed);
             Ok(view(index))
         };
-        let store = PictureStore::new(cameras(3), 2 * PICTURE, 0, open);
+        let store = PictureStore::new(cameras(3), 4, 2 * PICTURE, 0, open);
         let mut pictures = store.pictures();
         let turns = turns(&[0, 1, 2, 0, 1, 0], false);
         pictures.expect(&turns);
@@ -517,7 +524,7 @@ mod tests {
     #[test]
     fn added_pictures_are_not_decoded_and_a_single_reader_may_keep_them() {
         let store =
-            PictureStore::new(cameras(2), 3 * PICTURE, 0, |index| Err(PictureError(format!("{index} is away"))));
+            PictureStore::new(cameras(2), 4, 3 * PICTURE, 0, |index| Err(PictureError(format!("{index} is away"))));
         store.add(1, view(1));
         let mut pictures = store.pictures();
         assert!(pictures.are_kept_by_viewer(), "all fit at both sizes");
@@ -528,7 +535,7 @@ mod tests {
         let other = store.pictures();
         assert!(!pictures.are_kept_by_viewer(), "another rank needs them");
         drop(other);
-        let tight = PictureStore::new(cameras(2), 2 * PICTURE, 0, |index| Ok(view(index)));
+        let tight = PictureStore::new(cameras(2), 4, 2 * PICTURE, 0, |index| Ok(view(index)));
         assert!(!tight.pictures().are_kept_by_viewer(), "there is no room for smaller ones");
     }
 
@@ -540,7 +547,7 @@ mod tests {
             (2, _) => panic!("a decoder with a fault"),
             (index, _) => Ok(view(index)),
         };
-        let store = PictureStore::new(cameras(3), 3 * PICTURE, 0, open);
+        let store = PictureStore::new(cameras(3), 4, 3 * PICTURE, 0, open);
         let mut pictures = store.pictures();
         let turns = turns(&[0, 1, 2], false);
         assert_eq!(seen(pictures.as_mut(), turns[0]), Ok((0, SIZE)));
@@ -553,7 +560,7 @@ mod tests {
 
     #[test]
     fn a_picture_is_halved_without_room_for_both_sizes() {
-        let store = PictureStore::new(cameras(1), PICTURE, 0, |index| Ok(view(index)));
+        let store = PictureStore::new(cameras(1), 4, PICTURE, 0, |index| Ok(view(index)));
         let mut pictures = store.pictures();
         for is_halved in [false, true, false] {
             let [turn] = turns(&[0], is_halved)[..] else { panic!("there is one turn") };
@@ -566,7 +573,7 @@ mod tests {
 
     #[test]
     fn readers_of_a_store_wait_for_each_other_and_all_finish() {
-        let store = PictureStore::new(cameras(5), PICTURE, 1, |index| Ok(view(index)));
+        let store = PictureStore::new(cameras(5), 4, PICTURE, 1, |index| Ok(view(index)));
         thread::scope(|scope| {
             for reader in 0..4 {
                 let mut pictures = store.pictures();

@@ -58,8 +58,7 @@ impl<T> Targets<T> {
             let mut target = None;
             self.pictures
                 .show(*turn, &mut |view| {
-                    let [width, height] = [view.camera.width, view.camera.height].map(|size| size as usize);
-                    target = Some(exec.target(width, height, &view.rgba));
+                    target = Some(exec.target(&view.picture()));
                 })
                 .map_err(TrainError::Picture)?;
             if let Some(target) = target.transpose()? {

@@ -701,7 +701,13 @@ mod tests {
         [0, 1, 1].map(|light| {
             let eye = Vec3::new(3.0, light as f32, 0.5);
             let camera = Camera { light, ..Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.7, 32, 32) };
-            View { name: light.to_string(), camera, rgba: vec![100 + 80 * light as u8; 32 * 32 * 4], normals: None }
+            View {
+                name: light.to_string(),
+                camera,
+                rgba: vec![100 + 80 * light as u8; 32 * 32 * 4],
+                unclipped: None,
+                normals: None,
+            }
         })
     }
 

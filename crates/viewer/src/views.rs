@@ -104,7 +104,7 @@ impl Views {
             view.image = view.image.resized(width, height);
             view.camera = view.camera.resized(width, height);
         }
-        Ok(View { name: view.name, camera: view.camera, rgba: view.image.rgba, normals: None })
+        Ok(View { name: view.name, camera: view.camera, rgba: view.image.rgba, unclipped: None, normals: None })
     }
 
     /// Views for the page.

@@ -31,7 +31,7 @@ pub(crate) fn loss_all(
     background: [f32; 3],
 ) -> (LossReport, FrameGrad) {
     let has_geometry = Channels::of_count(frame.channels).contain(channel::DEPTH);
-    let weights = weights.where_possible(target.has_alpha, has_geometry);
+    let weights = weights.where_possible(target.has_alpha, has_geometry, target.is_clipped());
     let distance = distances(context, frame, target);
     let comparison = Comparison { context, frame, target, camera, weights, background, distance };
     let mut grad = context.take::<Quad>(frame.cover.tiles.len() * tile_len(frame.channels));

@@ -104,16 +104,16 @@ pub enum GpuError {
         /// Smallest valid resolution.
         least: usize,
     },
-    /// A picture's bytes do not fit its size.
-    #[error("a picture of {width} × {height} pixels needs {expected} bytes of RGBA, but has {found}")]
+    /// A picture's pixels do not fit its size.
+    #[error("a picture of {width} × {height} pixels needs {expected} numbers, but has {found}")]
     TargetSize {
         /// Pixels in a row.
         width: usize,
         /// Rows.
         height: usize,
-        /// Expected number of bytes.
+        /// Expected numbers, four of each pixel, or three of its unclipped colour.
         expected: usize,
-        /// Number of bytes.
+        /// Numbers of the picture.
         found: usize,
     },
     /// A picture and its target differ in size.

@@ -188,7 +188,7 @@ fn dust(number: usize) -> View {
         let straight = |c: usize| quantize(mean(c, pixel) / alpha.max(1e-3));
         [straight(0), straight(1), straight(2), quantize(alpha)]
     });
-    View { name: number.to_string(), camera, rgba: rgba.collect(), normals: None }
+    View { name: number.to_string(), camera, rgba: rgba.collect(), unclipped: None, normals: None }
 }
 
 fn picture(cloud: &Gaussians<Vec<f32>>, camera: &Camera) -> Image<Vec<f32>> {

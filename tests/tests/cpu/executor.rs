@@ -210,7 +210,7 @@ fn train_with_pause(threads: usize, settings: &Settings, pause: Option<u32>) -> 
             let eye = glam::Vec3::new(3.0 * turn.cos(), 3.0 * turn.sin(), 1.0);
             let rgba = (0..48 * 48 * 4).map(|byte| (byte * (k + 3) % 253) as u8).collect();
             let camera = Camera::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 48, 48);
-            View { name: k.to_string(), camera, rgba, normals: None }
+            View { name: k.to_string(), camera, rgba, unclipped: None, normals: None }
         })
         .collect();
     let points: Vec<Point> = (0..700)

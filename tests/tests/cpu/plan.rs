@@ -3,6 +3,7 @@
 use proptest::prelude::*;
 use specula_core::{
     camera::Camera,
+    color::Picture,
     executor::{Executor, Renderer},
     loss::{LossWeights, NormalForm},
     plan::{Needs, Plan, Unlit},
@@ -357,7 +358,7 @@ fn gradient(scene: &Scene, rules: &RenderRules, camera: &Camera) -> Vec<f32> {
         let tiles = exec.bin(&splats, camera)?;
         let surface = exec.blend(&splats, &colors, &tiles, camera)?;
         let frame = exec.shade_pixels(surface, Some(&light), camera, rules)?;
-        let target = exec.target(40, 32, &vec![100; 40 * 32 * 4])?;
+        let target = exec.target(&Picture::of_bytes(40, 32, &vec![100; 40 * 32 * 4]))?;
         let grad = exec.loss(&frame, &target, camera, &WEIGHTS, [1.0; 3])?;
         let (grad, light_grad) = exec.shade_pixels_vjp(&frame, Some(&light), camera, rules, grad)?;
         let grads = exec.blend_vjp(&splats, &colors, &tiles, &frame, &grad, camera)?;

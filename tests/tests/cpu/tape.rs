@@ -3,6 +3,7 @@
 use specula_core::{
     attributes::{AttributePlanes, GaussianShading, LightSample, StoredGaussian},
     camera::{Camera, CameraOf},
+    color::Picture,
     double::Double,
     dual::Dual,
     executor::{Executor, OwnLoss, ReadBack, Renderer, TrainingStep},
@@ -245,7 +246,7 @@ fn the_gradient_of_a_loss_is_that_of_a_view() {
             Scene::new(shading, Layout::shaded(Some(1)), 7);
         let [width, height] = tape.frame.size();
         let rgba: Vec<u8> = (0..width * height * 4).map(|k| (255.0 * random::uniform(7, 8, k as u64)) as u8).collect();
-        let target = exec.target(width, height, &rgba).expect("the bytes fit");
+        let target = exec.target(&Picture::of_bytes(width, height, &rgba)).expect("the bytes fit");
         let weights = LossWeights { absolute: 0.8, dssim: 0.2, normal: 0.1, ..LossWeights::NONE };
         let background = [0.1, 0.2, 0.3];
         let step = TrainingStep {

@@ -2,6 +2,7 @@
 
 use specula_core::{
     activation::sigmoid,
+    color::Picture,
     densify::DensifyRules,
     executor::{DensifyReport, Executor, RandomKey, Renderer},
     loss::{LossWeights, NormalForm},
@@ -454,7 +455,7 @@ fn observe_on_both(gpu: &mut GpuExecutor, count: usize, [width, height]: [u32; 2
     let tiles = cpu.bin(&splats, &camera).expect("the CPU bins");
     let frame = cpu.blend(&splats, &colors, &tiles, &camera).expect("the CPU blends");
     let rgba: Vec<u8> = (0..width * height * 4).map(|k| (k * 37 % 251) as u8).collect();
-    let target = cpu.target(width as usize, height as usize, &rgba).expect("the bytes fit");
+    let target = cpu.target(&Picture::of_bytes(width as usize, height as usize, &rgba)).expect("the bytes fit");
     let grad = cpu.loss(&frame, &target, &camera, &weights(), [0.1, 0.2, 0.3]).expect("sizes agree");
     let grads = cpu.blend_vjp(&splats, &colors, &tiles, &frame, &grad, &camera).expect("the CPU goes back");
 

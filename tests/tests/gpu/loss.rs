@@ -2,9 +2,10 @@
 //! the CPU executor.
 
 use core::ops::Range;
+use half::f16;
 use specula_core::{
     camera::Camera,
-    color::UNKNOWN,
+    color::{Picture, UNKNOWN},
     double::Double,
     executor::{Executor, ReadBack, Renderer},
     expose::{Exposure, IDENTITY, expose, expose_vjp},
@@ -122,6 +123,7 @@ struct Scene {
     camera: Camera,
     rules: RenderRules,
     rgba: Vec<u8>,
+    unclipped: Option<Vec<[f16; 3]>>,
     background: [f32; 3],
     weights: LossWeights,
 }
@@ -152,11 +154,17 @@ enum Truth {
     Waves,
     /// Waves with white crests.
     Overexposed,
+    /// The same, and the radiance of the crests.
+    Unclipped,
 }
 
 impl Truth {
     fn rgba(self, [width, height]: [u32; 2]) -> Vec<u8> {
         (0..width * height).flat_map(|pixel| self.pixel(pixel % width, pixel / width, [width, height])).collect()
+    }
+    fn unclipped(self, [width, height]: [u32; 2]) -> Option<Vec<[f16; 3]>> {
+        let color = |k: u32| [0.7, 0.9, 1.1].map(|speed: f32| f16::from_f32(2.5 + 2.5 * (speed * k as f32).sin()));
+        matches!(self, Self::Unclipped).then(|| (0..width * height).map(color).collect())
     }
     fn pixel(self, x: u32, y: u32, [width, height]: [u32; 2]) -> [u8; 4] {
         let [right, down] = [(x, width), (y, height)].map(|(at, size)| 2.0 * (at as f32 + 0.5) / size as f32 - 1.0);
@@ -166,7 +174,9 @@ impl Truth {
             Self::Ellipse if right * right + down * down > 0.15 => [13, 17, 19, 0],
             Self::Ellipse => [wave(5.0), wave(7.0), wave(9.0), 230],
             Self::Waves => [wave(5.0), wave(7.0), wave(9.0), 255],
-            Self::Overexposed => [wave(5.0), wave(7.0), wave(9.0), 191].map(|byte| byte.saturating_add(64)),
+            Self::Overexposed | Self::Unclipped => {
+                [wave(5.0), wave(7.0), wave(9.0), 191].map(|byte| byte.saturating_add(64))
+            }
         }
     }
 }
@@ -179,7 +189,7 @@ impl Scene {
         };
         let mut weights = weights(FORMS[seed as usize % 3]);
         let mut environment = random_environment(resolution, activation, seed);
-        if matches!(truth, Truth::Overexposed) {
+        if matches!(truth, Truth::Overexposed | Truth::Unclipped) {
             weights.saturates = true;
             environment.values.iter_mut().for_each(|number| *number += 2.0);
         }
@@ -189,6 +199,7 @@ impl Scene {
             camera: camera(size[0], size[1]),
             rules,
             rgba: truth.rgba(size),
+            unclipped: truth.unclipped(size),
             background: [0.1, 0.23, 0.3],
             weights,
         }
@@ -235,7 +246,8 @@ impl Scene {
     }
     fn compare<E: Executor>(&self, exec: &mut E, frame: &E::Frame) -> (LossReport, E::FrameGrad) {
         let [width, height] = self.size();
-        let target = exec.target(width, height, &self.rgba).expect("the bytes fit");
+        let target = exec.target(&Picture { width, height, rgba: &self.rgba, unclipped: self.unclipped.as_deref() });
+        let target = target.expect("the pixels fit");
         let grad = exec.loss(frame, &target, &self.camera, &self.weights, self.background).expect("sizes agree");
         let report = exec.report().expect("losses come back").expect("no step exceeds the capacity");
         (report.loss, grad)
@@ -272,13 +284,13 @@ impl Scene {
         let (frame, unlit) = (image(&compared.frame), compared.unlit.as_ref().map(image));
         let target = self.plain_target();
         let frozen = freeze_weights(&frame, unlit.as_ref(), &self.camera);
-        let grad = frame_loss_vjp(&frame, &target, &self.camera, &self.weights, &frozen);
+        let grad = frame_loss_vjp(&frame, &target, &self.camera, &self.used_weights(), &frozen);
         let report = self.exact_report(&frame, &target, &frozen);
         Exact { report, grad: grad.values.iter().map(|x| x.0).collect() }
     }
     /// Whether the true picture is white in this pixel.
     fn is_overexposed(&self, c: usize, pixel: usize) -> bool {
-        self.weights.saturates && [c, 3].iter().all(|channel| self.rgba[4 * pixel + channel] == u8::MAX)
+        self.used_weights().saturates && [c, 3].iter().all(|channel| self.rgba[4 * pixel + channel] == u8::MAX)
     }
     fn has_alpha(&self) -> bool {
         self.rgba.chunks_exact(4).any(|pixel| pixel[3] < 255)
@@ -286,9 +298,13 @@ impl Scene {
     fn plain_target(&self) -> plain::Target<Double> {
         let alpha = |pixel: &[u8]| f64::from(pixel[3]) / 255.0;
         let over = |c: usize| {
-            self.rgba.chunks_exact(4).map(move |pixel| {
+            let color = move |k: usize, pixel: &[u8]| match &self.unclipped {
+                Some(colors) => f64::from(colors[k][c]),
+                None => f64::from(pixel[c]) / 255.0,
+            };
+            self.rgba.chunks_exact(4).enumerate().map(move |(k, pixel)| {
                 let behind = (1.0 - alpha(pixel)) * f64::from(self.background[c]);
-                Double(f64::from(pixel[c]) / 255.0 * alpha(pixel) + behind)
+                Double(color(k, pixel) * alpha(pixel) + behind)
             })
         };
         plain::Target {
@@ -297,6 +313,11 @@ impl Scene {
             background: self.background,
         }
     }
+    /// The weights, without losses that do not apply to the picture.
+    fn used_weights(&self) -> LossWeights {
+        let has_geometry = self.channels() > channel::DEPTH;
+        self.weights.where_possible(self.has_alpha(), has_geometry, self.unclipped.is_none())
+    }
     /// Each loss separately.
     fn exact_report(
         &self,
@@ -304,7 +325,7 @@ impl Scene {
         target: &plain::Target<Double>,
         frozen: &FrozenWeights,
     ) -> LossReport {
-        let LossWeights { normal_form, saturates, .. } = self.weights;
+        let LossWeights { normal_form, saturates, .. } = self.used_weights();
         let none = LossWeights { normal_form, saturates, ..LossWeights::NONE };
         let loss_of = |weights: LossWeights| frame_loss(frame, target, &self.camera, &weights, frozen).0;
         let keep = |value: f64, weight: f32| if weight == 0.0 { 0.0 } else { value };
@@ -318,7 +339,7 @@ impl Scene {
             coverage: keep(loss_of(LossWeights { coverage: 1.0, ..none }), weights.coverage),
             ..LossReport::default()
         };
-        report.with_total(&weights.where_possible(self.has_alpha(), self.channels() > channel::DEPTH))
+        report.with_total(&self.used_weights())
     }
 }
 
@@ -450,7 +471,7 @@ fn scenes() -> Vec<(String, Scene)> {
     let color = RenderRules { channels: Channels::Color, ..paper };
     let plain = Layout::radiance(1);
     let mut scenes = Vec::new();
-    for truth in [Truth::Noise, Truth::Ellipse, Truth::Waves, Truth::Overexposed] {
+    for truth in [Truth::Noise, Truth::Ellipse, Truth::Waves, Truth::Overexposed, Truth::Unclipped] {
         for (name, layout, rules) in [
             ("paper", shaded(), paper),
             ("deferred", shaded(), deferred),
@@ -617,11 +638,15 @@ fn losses_are_the_same_bits_twice_and_whatever_was_compared_before() {
 #[test]
 fn pictures_of_another_size_are_refused() {
     let Some(mut gpu) = executor() else { return };
-    let refused = gpu.target(3, 2, &[0; 23]).expect_err("a byte is missing");
+    let refused = gpu.target(&Picture::of_bytes(3, 2, &[0; 23])).expect_err("a byte is missing");
     assert_eq!(refused, GpuError::TargetSize { width: 3, height: 2, expected: 24, found: 23 });
+    let one = [[f16::ONE; 3]];
+    let refused = gpu.target(&Picture { unclipped: Some(&one), ..Picture::of_bytes(3, 2, &[0; 24]) });
+    let expected = GpuError::TargetSize { width: 3, height: 2, expected: 18, found: 3 };
+    assert_eq!(refused.expect_err("there is one colour"), expected);
     let scene = Scene::new(1, shaded(), training(ShadingRules::PAPER), [20, 10], Truth::Noise, 0);
     let frame = scene.frame(&mut gpu);
-    let target = gpu.target(10, 20, &[0; 800]).expect("the bytes fit");
+    let target = gpu.target(&Picture::of_bytes(10, 20, &[0; 800])).expect("the bytes fit");
     let refused = gpu.loss(&frame, &target, &scene.camera, &scene.weights, scene.background);
     assert_eq!(refused.expect_err("rows are columns"), GpuError::FrameSize { expected: [10, 20], found: [20, 10] });
 }

@@ -81,7 +81,7 @@ fn rendered_view(exec: &mut CpuExecutor, light: &Light, rules: &RenderRules, num
         let straight = |c: usize| quantize(image.values[c * size + pixel] / alpha.max(1e-3));
         [straight(0), straight(1), straight(2), quantize(alpha)]
     });
-    View { name: number.to_string(), camera, rgba: rgba.collect(), normals: None }
+    View { name: number.to_string(), camera, rgba: rgba.collect(), unclipped: None, normals: None }
 }
 
 fn settings(name: &str) -> Settings {

@@ -3,6 +3,7 @@
 use super::Case;
 use crate::compare::LEAST_SMOOTHNESS;
 use specula_core::{
+    color::Picture,
     executor::{Executor, StepReport, TrainingStep},
     loss::{LossReport, LossWeights, NormalForm},
     pipeline::{render, train_step},
@@ -103,7 +104,7 @@ impl<A> Scene<A> {
     /// A step that moves nothing but the running means, which then are a tenth of the gradients.
     fn step<E: Executor<Array = A>>(&mut self, exec: &mut E, case: &Case, rules: &RenderRules) -> StepReport {
         let [width, height] = [case.camera.width as usize, case.camera.height as usize];
-        let target = exec.target(width, height, &case.picture()).expect("the bytes fit");
+        let target = exec.target(&Picture::of_bytes(width, height, &case.picture())).expect("the bytes fit");
         let step = TrainingStep {
             camera: &case.camera,
             target: &target,

@@ -1,11 +1,12 @@
 //! Facts of pictures that every rank needs, and their messages.
 
 use super::{Decoded, Reading, malformed};
-use crate::SceneError;
+use crate::{SceneError, dataset::pixel_checksum};
 use specula_core::camera::Camera;
 use specula_io::{
     cameras::NamedCamera,
     dataset::{self, Album, Changes},
+    pixels::Pixels,
 };
 use specula_train::{
     exchange::{Exchange, ExchangeError},
@@ -72,7 +73,7 @@ pub(super) struct Facts {
 
 impl Facts {
     pub(super) fn of(view: &dataset::View, changes: Changes, wanted: &Wanted, index: usize) -> Self {
-        let rgba = &view.image.rgba;
+        let Pixels { rgba, unclipped, .. } = &view.image;
         let is_trained_on = index < wanted.train;
         let sample = if is_trained_on && wanted.background > 0 {
             PixelSample::of(index, wanted.train, wanted.background, &view.camera, rgba, wanted.seed)
@@ -86,7 +87,7 @@ impl Facts {
             has_alpha: specula_core::color::has_alpha(rgba),
             has_normals: view.normal.is_some(),
             changes,
-            checksum: crc32fast::hash(rgba),
+            checksum: pixel_checksum(rgba, unclipped.as_deref()),
         };
         Self { photograph, extracts: Extracts { silhouette, sample } }
     }
@@ -105,7 +106,8 @@ impl Facts {
         }
         [width, height, *checksum].iter().for_each(|number| out.extend(number.to_le_bytes()));
         [changes.unknown, changes.pixels].iter().for_each(|number| out.extend(number.to_le_bytes()));
-        out.extend([*has_alpha, *has_normals, changes.is_turned, changes.is_undistorted].map(u8::from));
+        let Changes { is_turned, is_undistorted, is_unclipped, .. } = *changes;
+        out.extend([*has_alpha, *has_normals, is_turned, is_undistorted, is_unclipped].map(u8::from));
         let Extracts { silhouette, sample } = &self.extracts;
         let silhouette = silhouette.as_ref().map(Silhouette::bytes);
         out.push(u8::from(silhouette.is_some()));
@@ -122,8 +124,8 @@ impl Facts {
         }
         let [width, height, checksum] = [message.number()?, message.number()?, message.number()?];
         let [unknown, pixels] = [message.long()?, message.long()?];
-        let [has_alpha, has_normals, is_turned, is_undistorted, has_silhouette] =
-            message.array::<5>()?.map(|flag| flag == 1);
+        let [has_alpha, has_normals, is_turned, is_undistorted, is_unclipped, has_silhouette] =
+            message.array::<6>()?.map(|flag| flag == 1);
         let [silhouette, sample] = [message.part()?.to_vec(), message.part()?.to_vec()];
         let camera = Camera {
             camera_from_world: glam::Mat3::from_cols_slice(&numbers[..9]),
@@ -137,7 +139,7 @@ impl Facts {
             scissor: None,
             light: 0,
         };
-        let changes = Changes { is_undistorted, is_turned, unknown, pixels };
+        let changes = Changes { is_undistorted, is_turned, is_unclipped, unknown, pixels };
         let photograph = Photograph { name: String::new(), camera, has_alpha, has_normals, changes, checksum };
         let silhouette = has_silhouette.then(|| Silhouette::from_bytes(silhouette));
         Some(Self {

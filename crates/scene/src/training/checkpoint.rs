@@ -1,5 +1,6 @@
 //! Checkpoints of a training: their interval, and the description that identifies the training.
 
+use crate::dataset::pixel_checksum;
 use specula_core::{camera::Camera, state::TrainingState};
 use specula_io::{
     Result,
@@ -91,15 +92,15 @@ pub(crate) struct PictureSum<'a> {
     pub(crate) name: &'a str,
     /// Camera of the picture.
     pub(crate) camera: &'a Camera,
-    /// CRC-32 of its red, green, blue and alpha bytes.
+    /// CRC-32 of its pixels.
     pub(crate) pixels: u32,
 }
 
 /// Description of a training before its first step; `config` is the text of the user's settings.
 pub fn describe(settings: &Settings, config: String, views: &[View]) -> Facts {
     let sums = views.iter().map(|view| {
-        let View { name, camera, rgba, .. } = view;
-        PictureSum { name, camera, pixels: crc32fast::hash(rgba) }
+        let View { name, camera, rgba, unclipped, .. } = view;
+        PictureSum { name, camera, pixels: pixel_checksum(rgba, unclipped.as_deref()) }
     });
     describe_pictures(settings, config, sums)
 }
@@ -185,7 +186,7 @@ mod tests {
             let camera = Camera { light_from_world: Some(glam::Mat3::from_rotation_z(turn)), ..camera };
             let camera = Camera { light: (k % 2) as u32, ..camera };
             let rgba = (0..u64::from(SIZE * SIZE * 4)).map(|byte| (byte * (k + 3) % 253) as u8).collect();
-            View { name: k.to_string(), camera, rgba, normals: None }
+            View { name: k.to_string(), camera, rgba, unclipped: None, normals: None }
         };
         (0..VIEWS).map(view).collect()
     }

@@ -330,7 +330,7 @@ mod tests {
     fn views() -> Vec<View> {
         let eye = glam::Vec3::new(0.0, -3.0, 0.5);
         let camera = Camera::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Z, 0.7, 32, 32);
-        vec![View { name: "one".into(), camera, rgba: vec![200; 32 * 32 * 4], normals: None }]
+        vec![View { name: "one".into(), camera, rgba: vec![200; 32 * 32 * 4], unclipped: None, normals: None }]
     }
 
     fn settings() -> Settings {

@@ -43,7 +43,7 @@ fn views() -> Vec<View> {
         let eye = Vec3::new(3.0 * turn.cos(), 3.0 * turn.sin(), 0.7);
         let camera = Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 0.7, SIZE, SIZE);
         let rgba = (0..u64::from(SIZE * SIZE * 4)).map(|byte| (byte * (k + 3) % 253) as u8).collect();
-        View { name: k.to_string(), camera, rgba, normals: None }
+        View { name: k.to_string(), camera, rgba, unclipped: None, normals: None }
     };
     (0..7).map(view).collect()
 }

@@ -11,20 +11,22 @@ use fearless_simd::Simd;
 use specula_core::{
     bin::tile_count,
     camera::Camera,
-    color::{from_byte, has_alpha, is_unknown},
+    color::{Picture, from_byte, has_alpha, is_unknown},
     loss::LossWeights,
     real::Real,
     scene::BLOCK,
 };
 
-/// A picture to compare with: 8-bit sRGB with straight alpha.
+/// A picture to compare with.
 #[derive(Clone, Debug)]
 pub struct Target {
     pub(crate) width: usize,
     pub(crate) height: usize,
     pub(super) columns: usize,
     /// Bytes tile by tile and quad by quad: the reds of a quad, then greens, blues and alphas.
-    pub(super) quads: Vec<[[u8; BLOCK]; 4]>,
+    quads: Vec<[[u8; BLOCK]; 4]>,
+    /// Unclipped reds, greens and blues, likewise; empty for pictures of 8 bits.
+    unclipped: Vec<[Quad; 3]>,
     /// Whether a tile is transparent everywhere.
     is_empty: Vec<bool>,
     /// Whether any pixel is not opaque.
@@ -34,22 +36,11 @@ pub struct Target {
 }
 
 impl Target {
-    pub(crate) fn new(width: usize, height: usize, rgba: &[u8]) -> Self {
+    pub(crate) fn new(picture: &Picture<'_>) -> Self {
+        let Picture { width, height, rgba, unclipped } = *picture;
         let [columns, rows] = [width, height].map(|pixels| tile_count(pixels as u32) as usize);
-        let mut quads = vec![[[0; BLOCK]; 4]; columns * rows * QUADS];
-        for (y, row) in rgba.chunks_exact(4 * width.max(1)).enumerate() {
-            // The pixels of a row that share a quad.
-            for (run, pixels) in row.chunks(4 * QUAD).enumerate() {
-                let tile = y / SIZE * columns + run / (SIZE / QUAD);
-                let quad = &mut quads[tile * QUADS + y % SIZE / QUAD * (SIZE / QUAD) + run % (SIZE / QUAD)];
-                let lanes = y % QUAD * QUAD..;
-                for (lane, pixel) in lanes.zip(pixels.as_chunks::<4>().0) {
-                    for channel in 0..4 {
-                        quad[channel][lane] = pixel[channel];
-                    }
-                }
-            }
-        }
+        let quads = quads_of(rgba.as_chunks().0, [width, columns, rows], |byte| byte);
+        let unclipped = unclipped.map(|colors| quads_of(colors, [width, columns, rows], f32::from));
         let is_transparent = |quads: &[[[u8; BLOCK]; 4]]| quads.iter().all(|quad| quad[3] == [0; BLOCK]);
         Self {
             width,
@@ -59,7 +50,24 @@ impl Target {
             has_alpha: has_alpha(rgba),
             has_unknown: rgba.chunks_exact(4).any(is_unknown),
             quads,
+            unclipped: unclipped.unwrap_or_default(),
         }
+    }
+
+    /// Whether no number of the picture is above white.
+    pub(super) const fn is_clipped(&self) -> bool {
+        self.unclipped.is_empty()
+    }
+
+    /// Red, green, blue and alpha of a quad: alpha in \[0, 1\], colours above if unclipped.
+    #[inline(always)]
+    pub(super) fn read<S: Simd>(&self, simd: S, [column, row]: [usize; 2], quad: usize) -> [Lanes<S>; 4] {
+        let index = (row * self.columns + column) * QUADS + quad;
+        let [mut red, mut green, mut blue, alpha] = read_bytes(simd, &self.quads[index]);
+        if let Some(colors) = self.unclipped.get(index) {
+            [red, green, blue] = colors.map(|color| Lanes::from_array(simd, color));
+        }
+        [red, green, blue, alpha]
     }
 
     /// One for the known pixels of a quad, zero for others.
@@ -73,6 +81,29 @@ impl Target {
         }
         Lanes::from_array(simd, known)
     }
+}
+
+/// Numbers of pixels tile by tile and quad by quad, from rows.
+fn quads_of<T: Copy, U: Copy + Default, const N: usize>(
+    pixels: &[[T; N]],
+    [width, columns, rows]: [usize; 3],
+    number: impl Fn(T) -> U,
+) -> Vec<[[U; BLOCK]; N]> {
+    let mut quads = vec![[[U::default(); BLOCK]; N]; columns * rows * QUADS];
+    for (y, row) in pixels.chunks_exact(width.max(1)).enumerate() {
+        // The pixels of a row that share a quad.
+        for (run, pixels) in row.chunks(QUAD).enumerate() {
+            let tile = y / SIZE * columns + run / (SIZE / QUAD);
+            let quad = &mut quads[tile * QUADS + y % SIZE / QUAD * (SIZE / QUAD) + run % (SIZE / QUAD)];
+            let lanes = y % QUAD * QUAD..;
+            for (lane, pixel) in lanes.zip(pixels) {
+                for channel in 0..N {
+                    quad[channel][lane] = number(pixel[channel]);
+                }
+            }
+        }
+    }
+    quads
 }
 
 /// Comparison of a frame with its target.
@@ -168,7 +199,7 @@ fn spread_distance(distance: &mut [u32], count: usize, step: usize) {
 
 /// Red, green, blue and alpha of a quad, in \[0, 1\].
 #[inline(always)]
-pub(super) fn read_target<S: Simd>(simd: S, quad: &[[u8; BLOCK]; 4]) -> [Lanes<S>; 4] {
+fn read_bytes<S: Simd>(simd: S, quad: &[[u8; BLOCK]; 4]) -> [Lanes<S>; 4] {
     let mut numbers = [[0.0; BLOCK]; 4];
     for (numbers, bytes) in numbers.iter_mut().zip(quad) {
         for lane in 0..BLOCK {

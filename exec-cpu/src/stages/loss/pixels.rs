@@ -1,6 +1,6 @@
 //! Losses of single pixels: colour and coverage.
 
-use super::comparison::{Comparison, FAR, plane, read_target};
+use super::comparison::{Comparison, FAR, plane};
 use crate::{
     frame::{QUADS, Quad, SIZE, at, tile_len},
     lanes::Lanes,
@@ -93,8 +93,7 @@ impl Comparison<'_> {
         if target.has_unknown {
             inside = inside * target.known(simd, position, quad);
         }
-        let [truth @ .., alpha] =
-            read_target(simd, &target.quads[(position[1] * target.columns + position[0]) * QUADS + quad]);
+        let [truth @ .., alpha] = target.read(simd, position, quad);
         let share = |weight: f32, values: usize| inside * (weight / (values * self.pixel_count()) as f32);
         let (share_absolute, share_squared) = (share(weights.absolute, 3), share(weights.squared, 3));
         let load = |slot: usize, channel: usize| Lanes::load(simd, &frame.tile(slot)[at(channels, quad, channel)]);

@@ -44,12 +44,26 @@ fn transmittance_at(index: u32) -> f32 {
     return blended[CHANNELS * pixel_count() + index];
 }
 
+// Red, green, blue and alpha of a target's pixel, a byte each.
+fn texel_at(index: u32) -> u32 {
+    return texels[TEXEL_WORDS * index];
+}
+
+// Colour of a target's pixel, 255 for white.
+fn true_color(index: u32, c: u32) -> f32 {
+    if IS_CLIPPED {
+        return byte_of(texel_at(index), c);
+    }
+    let halves = unpack2x16float(texels[TEXEL_WORDS * index + 1u + c / 2u]);
+    return 255.0 * select(halves.x, halves.y, c == 1u);
+}
+
 // Tests whether a pixel is in the image and its target is not masked.
 fn is_known(pixel: vec2u) -> bool {
     if !is_inside(pixel) {
         return false;
     }
-    return texels[index_of(pixel)] != UNKNOWN;
+    return texel_at(index_of(pixel)) != UNKNOWN;
 }
 
 // Transmittance; 1 outside the image and where the target is masked.

@@ -14,7 +14,7 @@ fn mark_of(pixel: vec2u) -> u32 {
     }
     let index = index_of(pixel);
     let is_rendered = select(IS_RENDERED, 0u, transmittance_at(index) == 1.0);
-    return is_rendered | select(0u, IS_TRUE, byte_of(texels[index], 3u) != 0.0);
+    return is_rendered | select(0u, IS_TRUE, byte_of(texel_at(index), 3u) != 0.0);
 }
 
 @compute @workgroup_size(LOSS_GROUP)

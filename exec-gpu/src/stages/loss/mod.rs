@@ -26,7 +26,7 @@ use formulas::{
 use specula_core::{
     bin::{TILE_SIZE, tile_count},
     camera::Camera,
-    color::{UNKNOWN, has_alpha},
+    color::{Picture, UNKNOWN, has_alpha},
     loss::{LossReport, LossWeights, NormalForm, SSIM_WINDOW},
     rules::{Channels, channel},
     smoothness::{BLUR_REACH, CREASE_REACH, REACHES},
@@ -34,29 +34,47 @@ use specula_core::{
 
 pub mod formulas;
 
-/// Target image: 8-bit sRGB with straight alpha.
+/// A picture to compare with.
 #[derive(Debug)]
 pub struct Target {
     size: [usize; 2],
-    /// Red, green, blue and alpha of each pixel, a byte each, red the lowest.
+    /// Red, green, blue and alpha of each pixel, a byte each, red the lowest; each followed by the
+    /// unclipped colour in halves, if there is one.
     texels: Array,
     /// Whether any pixel is not opaque.
     has_alpha: bool,
+    /// Whether no number of the picture is above white.
+    is_clipped: bool,
 }
+
+/// Words of a pixel with an unclipped colour.
+const UNCLIPPED_WORDS: usize = 3;
 
 impl Target {
     /// Uploads a target.
     ///
     /// # Errors
     ///
-    /// [`GpuError::TargetSize`] if the bytes do not fit the size; see [`Context::allocate`].
-    pub(crate) fn new(context: &mut Context, size: [usize; 2], rgba: &[u8]) -> Result<Self, GpuError> {
-        let [width, height] = size;
-        let expected = 4 * width * height;
-        if rgba.len() != expected {
-            return Err(GpuError::TargetSize { width, height, expected, found: rgba.len() });
+    /// [`GpuError::TargetSize`] if the pixels do not fit the size; see [`Context::allocate`].
+    pub(crate) fn new(context: &mut Context, picture: &Picture<'_>) -> Result<Self, GpuError> {
+        let Picture { width, height, rgba, unclipped } = *picture;
+        if let Some([expected, found]) = picture.wrong_len() {
+            return Err(GpuError::TargetSize { width, height, expected, found });
         }
-        Ok(Self { size, texels: context.upload("pixels of a picture", rgba)?, has_alpha: has_alpha(rgba) })
+        let what = "pixels of a picture";
+        let texels = match unclipped {
+            None => context.upload(what, rgba)?,
+            Some(colors) => {
+                let pixels = rgba.as_chunks::<4>().0.iter().zip(colors);
+                let words = pixels.flat_map(|(bytes, color)| {
+                    let [red, green, blue] = color.map(|number| u32::from(number.to_bits()));
+                    [u32::from_le_bytes(*bytes), red | green << 16, blue]
+                });
+                let words: Vec<u32> = words.collect();
+                context.upload(what, &words)?
+            }
+        };
+        Ok(Self { size: [width, height], texels, has_alpha: has_alpha(rgba), is_clipped: unclipped.is_none() })
     }
 }
 
@@ -70,6 +88,8 @@ pub(crate) struct LossVariant {
     pub(crate) has_smoothness: bool,
     /// Whether true pictures saturate at white.
     pub(crate) saturates: bool,
+    /// Whether true pictures have no number above white.
+    pub(crate) is_clipped: bool,
 }
 
 /// Sums over the pixels of a tile: L1 and L2 losses of colour, coverage loss, normal loss,
@@ -93,6 +113,8 @@ impl LossVariant {
             .real()
             .count("CHANNELS", self.channels)
             .count("LOSS_GROUP", group)
+            .flag("IS_CLIPPED", self.is_clipped)
+            .count("TEXEL_WORDS", if self.is_clipped { 1 } else { UNCLIPPED_WORDS })
             .count("UNKNOWN", u32::from_le_bytes(UNKNOWN) as usize)
             .count("COLOR_CHANNEL", channel::COLOR)
             .count("NORMAL_CHANNEL", index(channel::NORMAL))
@@ -293,7 +315,7 @@ pub(crate) fn loss(
         return Err(GpuError::FrameSize { expected: target.size, found: frame.size });
     }
     let has_geometry = Channels::of_count(frame.channels).contain(channel::DEPTH);
-    let weights = weights.where_possible(target.has_alpha, has_geometry);
+    let weights = weights.where_possible(target.has_alpha, has_geometry, target.is_clipped);
     let comparison = Comparison::new(context, frame, target, camera, &weights, background)?;
     comparison.dispatch(context)?;
     let Comparison { grads, sums, variant, .. } = comparison;
@@ -318,6 +340,7 @@ impl<'a> Comparison<'a> {
             normals: (weights.normal != 0.0).then_some(weights.normal_form),
             has_smoothness: weights.smoothness != 0.0,
             saturates: weights.saturates,
+            is_clipped: target.is_clipped,
         };
         let partial_planes = if variant.has_structure { 9 } else { 0 };
         Ok(Self {

@@ -25,16 +25,17 @@ fn tap_at(pixel: vec2u, c: u32) -> vec3f {
     return vec3f(partials[index], partials[index + size], partials[index + 2u * size]);
 }
 
-fn texel_at(pixel: vec2u) -> u32 {
+// Alpha of a target's pixel as a byte; zero outside the image.
+fn alpha_at(pixel: vec2u) -> f32 {
     if is_inside(pixel) {
-        return texels[index_of(pixel)];
+        return byte_of(texel_at(index_of(pixel)), 3u);
     }
-    return 0u;
+    return 0.0;
 }
 
 // Gradient of a pixel's transmittance.
-fn coverage_grad(transmittance: f32, texel: u32) -> f32 {
-    let loss = coverage_loss(transmittance, byte_of(texel, 3u));
+fn coverage_grad(transmittance: f32, alpha: f32) -> f32 {
+    let loss = coverage_loss(transmittance, alpha);
     pixel_sums.z += loss.absolute;
     return loss.of_transmittance;
 }
@@ -44,12 +45,13 @@ fn residual_grad(transmittance: f32) -> f32 {
 }
 
 // Gradient of a pixel's colour.
-fn color_grad(pixel: vec2u, c: u32, transmittance: f32, texel: u32, grad_windows: vec3f) -> f32 {
+fn color_grad(pixel: vec2u, c: u32, transmittance: f32, alpha: f32, grad_windows: vec3f) -> f32 {
     if !is_known(pixel) {
         return 0.0;
     }
-    let color = colors[c * pixel_count() + index_of(pixel)];
-    let pair = compared_colors(color, transmittance, byte_of(texel, c), byte_of(texel, 3u), settings.background[c]);
+    let index = index_of(pixel);
+    let color = colors[c * pixel_count() + index];
+    let pair = compared_colors(color, transmittance, true_color(index, c), alpha, settings.background[c]);
     let loss = color_loss(pair);
     pixel_sums += vec3f(loss.absolute, loss.squared, 0.0);
     return loss.grad + structure_grad(pair, grad_windows);
@@ -83,13 +85,13 @@ fn compare_pixels(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_
         known_transmittance(c),
         known_transmittance(d),
     );
-    let texel = vec4u(texel_at(a), texel_at(b), texel_at(c), texel_at(d));
+    let alpha = vec4f(alpha_at(a), alpha_at(b), alpha_at(c), alpha_at(d));
     pixel_sums = vec3f(0.0);
     var grad_transmittance = vec4f(
-        coverage_grad(transmittance.x, texel.x),
-        coverage_grad(transmittance.y, texel.y),
-        coverage_grad(transmittance.z, texel.z),
-        coverage_grad(transmittance.w, texel.w),
+        coverage_grad(transmittance.x, alpha.x),
+        coverage_grad(transmittance.y, alpha.y),
+        coverage_grad(transmittance.z, alpha.z),
+        coverage_grad(transmittance.w, alpha.w),
     );
     for (var color = 0u; color < 3u; color++) {
         var windows = MeansAcross();
@@ -102,10 +104,10 @@ fn compare_pixels(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_
             windows = blur_across(local);
         }
         let grad = vec4f(
-            color_grad(a, color, transmittance.x, texel.x, windows.mean_0),
-            color_grad(b, color, transmittance.y, texel.y, windows.mean_1),
-            color_grad(c, color, transmittance.z, texel.z, windows.mean_2),
-            color_grad(d, color, transmittance.w, texel.w, windows.mean_3),
+            color_grad(a, color, transmittance.x, alpha.x, windows.mean_0),
+            color_grad(b, color, transmittance.y, alpha.y, windows.mean_1),
+            color_grad(c, color, transmittance.z, alpha.z, windows.mean_2),
+            color_grad(d, color, transmittance.w, alpha.w, windows.mean_3),
         );
         if is_rendered {
             store_grads(color, a, grad);

@@ -28,10 +28,10 @@ fn tap_at(pixel: vec2u, c: u32) -> vec2f {
         return vec2f(0.0);
     }
     let index = index_of(pixel);
-    let texel = texels[index];
+    let alpha = byte_of(texel_at(index), 3u);
     let color = colors[c * pixel_count() + index];
     let transmittance = transmittance_at(index);
-    return compared_colors(color, transmittance, byte_of(texel, c), byte_of(texel, 3u), settings.background[c]);
+    return compared_colors(color, transmittance, true_color(index, c), alpha, settings.background[c]);
 }
 
 fn similarity(pixel: vec2u, c: u32, means: vec4f) -> f32 {

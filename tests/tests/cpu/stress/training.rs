@@ -57,7 +57,7 @@ impl Scene {
             let camera = camera(number);
             let image = render_view(&mut exec, &cloud, Some(&light), &camera, &rules).expect("the CPU renders");
             let camera = Camera { position: camera.position * self.unit, ..camera };
-            View { name: number.to_string(), camera, rgba: straight(&image.values), normals: None }
+            View { name: number.to_string(), camera, rgba: straight(&image.values), unclipped: None, normals: None }
         };
         numbers.map(&mut view).collect()
     }
