@@ -85,6 +85,38 @@ pub fn recorded_vjp<R: Real>(recorded: R, truth: R, grad: R) -> R {
     grad.keep(differs | truth.less(truth.constant(WHITE_MIN)))
 }
 
+/// Scale by which losses compare the numbers of a picture without a limit at white, and by which
+/// the gradient of the rendered one is multiplied: 1 / max(y, 1) for a true number y, so that
+/// differences above white are relative. Highlights would outweigh all else otherwise.
+#[inline(always)]
+pub fn unclipped_scale<R: Real>(truth: R) -> R {
+    truth.max(truth.constant(1.0)).recip()
+}
+
+/// Meaning of white in a true picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum White {
+    /// A number like any other.
+    Exact,
+    /// Any radiance from white on ([`recorded`]).
+    Saturated,
+    /// A number below others ([`unclipped_scale`]).
+    Unclipped,
+}
+
+impl White {
+    /// Rendered and true number as losses compare them, for a true number in a pixel of this alpha,
+    /// both over the background.
+    #[inline(always)]
+    pub fn compared<R: Real>(self, rendered: R, truth: R, alpha: R) -> [R; 2] {
+        match self {
+            Self::Exact => [rendered, truth],
+            Self::Saturated => [recorded(rendered, truth, alpha), truth],
+            Self::Unclipped => [rendered, truth].map(|number| number * unclipped_scale(truth)),
+        }
+    }
+}
+
 /// Windowed means for SSIM.
 #[derive(Clone, Copy, Debug)]
 pub struct SsimMoments<R> {
@@ -328,7 +360,8 @@ pub struct LossWeights {
     pub metalness: f32,
     /// Mean linear radiance of the light, for [`Self::metalness`].
     pub mean_light: f32,
-    /// True if true pictures saturate at white: losses of colour compare [`recorded`] numbers.
+    /// True if true pictures that are clipped saturate at white: losses of colour compare
+    /// [`recorded`] numbers.
     pub saturates: bool,
 }
 
@@ -381,18 +414,25 @@ impl LossWeights {
     }
 
     /// Removes losses without input: the coverage loss unless the true picture has an alpha
-    /// channel, the losses of the geometry unless it was blended. White of pictures that are not
-    /// clipped does not saturate.
+    /// channel, the losses of the geometry unless it was blended.
     #[must_use]
-    pub fn where_possible(self, has_alpha: bool, has_geometry: bool, is_clipped: bool) -> Self {
+    pub fn where_possible(self, has_alpha: bool, has_geometry: bool) -> Self {
         let keep = |weight: f32, is_possible: bool| if is_possible { weight } else { 0.0 };
         Self {
             normal: keep(self.normal, has_geometry),
             smoothness: keep(self.smoothness, has_geometry),
             residual_image: keep(self.residual_image, has_geometry),
             coverage: keep(self.coverage, has_alpha),
-            saturates: self.saturates && is_clipped,
             ..self
+        }
+    }
+
+    /// Meaning of white in a picture that is clipped there or not.
+    pub const fn white(&self, is_clipped: bool) -> White {
+        match (is_clipped, self.saturates) {
+            (false, _) => White::Unclipped,
+            (true, true) => White::Saturated,
+            (true, false) => White::Exact,
         }
     }
 }
@@ -404,8 +444,7 @@ pub struct LossReport {
     pub total: f64,
     /// Mean |C − C_gt|.
     pub absolute: f64,
-    /// Mean (C − C_gt)²; the picture is not limited to \[0, 1\], except by
-    /// [`LossWeights::saturates`].
+    /// Mean (C − C_gt)² of the numbers that are compared ([`White`]).
     pub squared: f64,
     /// Mean SSIM.
     pub ssim: f64,

@@ -24,13 +24,13 @@ impl Input {
     /// A path that does not exist or has neither video nor pictures, or pictures that are not read.
     pub(crate) fn list(path: &Path) -> Result<Vec<Self>> {
         if path.is_file() {
-            return match (is_video(path), has_image_ending(path)) {
+            return match (is_video(path), is_displayed(path)) {
                 (true, _) => Ok(vec![Self::Video(path.to_owned())]),
                 (_, true) => {
                     let (folder, name) = (path.parent().unwrap_or(Path::new("")), path.file_name().unwrap_or_default());
                     Ok(vec![Self::Pictures { folder: folder.to_owned(), paths: vec![name.into()] }])
                 }
-                _ => Err(refuse(path, "is neither a video nor a JPEG, PNG or WebP picture")),
+                _ => Err(refuse(path, "is neither a video nor a JPEG, PNG, WebP or TIFF picture")),
             };
         }
         if !path.is_dir() {
@@ -46,14 +46,14 @@ impl Input {
         let files: Vec<PathBuf> =
             entries.flatten().map(|entry| entry.into_path()).filter(|path| path.is_file()).collect();
         let below = |path: &PathBuf| path.strip_prefix(&folder).map(Path::to_owned).ok();
-        let paths: Vec<PathBuf> = files.iter().filter(|path| has_image_ending(path)).filter_map(below).collect();
+        let paths: Vec<PathBuf> = files.iter().filter(|path| is_displayed(path)).filter_map(below).collect();
         let mut found: Vec<Self> = files.iter().filter(|path| is_video(path)).cloned().map(Self::Video).collect();
         let unread: Vec<&PathBuf> =
-            files.iter().filter(|path| is_picture(path) && !has_image_ending(path) && !is_video(path)).collect();
+            files.iter().filter(|path| is_picture(path) && !is_displayed(path) && !is_video(path)).collect();
         match (unread.first(), paths.is_empty() && found.is_empty()) {
             (Some(first), true) => return Err(Error::Input(unread_remedy(first, unread.len()))),
             (Some(first), false) => tracing::warn!("skipped: {}", unread_remedy(first, unread.len())),
-            (None, true) => return Err(refuse(path, "has neither pictures (JPEG, PNG, WebP) nor a video")),
+            (None, true) => return Err(refuse(path, "has neither pictures (JPEG, PNG, WebP, TIFF) nor a video")),
             (None, false) => {}
         }
         if !paths.is_empty() {
@@ -78,6 +78,16 @@ impl Input {
     }
 }
 
+/// Whether cameras are estimated from a picture: one of a format that is read, other than OpenEXR,
+/// whose numbers are not those of a display.
+fn is_displayed(path: &Path) -> bool {
+    has_image_ending(path) && !has_ending(path, "exr")
+}
+
+fn has_ending(path: &Path, ending: &str) -> bool {
+    path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending))
+}
+
 fn refuse(path: &Path, what: &str) -> Error {
     Error::Input(format!("{path:?} {what}"))
 }
@@ -92,7 +102,16 @@ fn unread_remedy(first: &Path, count: usize) -> String {
         }
         _ => format!("magick mogrify -format jpg -quality 95 {folder}/*.{ending}"),
     };
-    format!("{count} pictures such as {first:?} are in .{ending}, which is not read; convert them to JPEG: {remedy}")
+    let then = match ending.to_lowercase().as_str() {
+        "exr" | "dng" | "cr2" | "cr3" | "nef" | "arw" | "raf" | "orf" | "rw2" => {
+            "; to train on their linear light afterwards, see \"Linear pictures\" in docs/photographs.md"
+        }
+        _ => "",
+    };
+    format!(
+        "{count} pictures such as {first:?} are in .{ending}, from which no cameras are estimated; convert them to JPEG: \
+         {remedy}{then}"
+    )
 }
 
 #[cfg(test)]

@@ -209,12 +209,13 @@ impl Training {
             srgb: over(0).chain(over(1)).chain(over(2)).collect(),
             alpha: Some(self.rgba.chunks_exact(4).map(|pixel| Double(f64::from(pixel[3]) / 255.0)).collect()),
             background: BACKGROUND,
+            is_clipped: self.unclipped.is_none(),
         };
         let view = oracle::View {
             camera: &Self::camera(),
             target: &target,
             rules: &self.rules,
-            weights: &self.weights.where_possible(true, true, self.unclipped.is_none()),
+            weights: &self.weights,
             near_field: self.near_field.as_ref(),
         };
         let operator = operator(RESOLUTION);

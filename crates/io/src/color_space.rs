@@ -112,7 +112,7 @@ pub(crate) fn to_rec_709(image: DynamicImage, primaries: Primaries) -> DynamicIm
 pub(crate) fn is_linear_png(input: Input<'_>) -> Result<bool> {
     let reader = png::Decoder::new(input.open()?).read_info();
     let reader = reader.map_err(|error| Error::Image { path: input.path().to_owned(), cause: error.to_string() })?;
-    let gamma = reader.info().source_gamma.map(png::ScaledFloat::into_value);
+    let gamma = reader.info().gamma().map(png::ScaledFloat::into_value);
     Ok(gamma.is_some_and(|gamma| (gamma - 1.0).abs() < LINEAR_GAMMA))
 }
 

@@ -114,7 +114,7 @@ fn next_marker(reader: &mut impl Read) -> io::Result<u8> {
 
 #[cfg(test)]
 mod tests {
-    use crate::pixels::Pixels;
+    use crate::{color_space::InputSpace, pixels::Pixels};
     use image::{DynamicImage, ImageEncoder, Rgb, RgbImage, codecs::jpeg::JpegEncoder, metadata::Orientation};
     use specula_core::random::uniform;
     use std::{
@@ -165,7 +165,7 @@ mod tests {
             {
                 let path = saved(folder.path(), &image, None);
                 for downscale in [4, 8] {
-                    let opened = Pixels::open(&path, downscale, |_| Some(true)).unwrap();
+                    let opened = Pixels::open(&path, InputSpace::Auto, downscale, |_| Some(true)).unwrap();
                     assert_eq!((opened.size, opened.turned), ([width, height], Orientation::NoTransforms));
                     let side = downscale / 2;
                     assert_eq!([opened.pixels.width, opened.pixels.height], [width, height].map(|x| x.div_ceil(side)));
@@ -184,7 +184,7 @@ mod tests {
         const TURNED: &[u8] = &[0x49, 0x49, 42, 0, 8, 0, 0, 0, 1, 0, 0x12, 1, 3, 0, 1, 0, 0, 0, 6, 0, 0, 0, 0, 0, 0, 0];
         let folder = tempfile::tempdir().unwrap();
         let is_whole = |path: &Path, downscale, size: [u32; 2]| {
-            let opened = Pixels::open(path, downscale, |_| None).unwrap();
+            let opened = Pixels::open(path, InputSpace::Auto, downscale, |_| None).unwrap();
             assert_eq!([opened.pixels.width, opened.pixels.height], size);
             opened
         };
@@ -208,14 +208,18 @@ mod tests {
         for len in [bytes.len() / 100, bytes.len() / 10, bytes.len() / 2, bytes.len() - 1] {
             fs::write(&path, &bytes[..len]).unwrap();
             for downscale in [1, 4, 8] {
-                let refused = Pixels::open(&path, downscale, |_| None).map(|_| ()).unwrap_err().to_string();
+                let refused =
+                    Pixels::open(&path, InputSpace::Auto, downscale, |_| None).map(|_| ()).unwrap_err().to_string();
                 assert!(refused.contains("a.jpg"), "{len} bytes, {downscale} times smaller: {refused}");
             }
         }
-        let cut = Pixels::open(&path, 1, |_| None).map(|_| ()).unwrap_err().to_string();
+        let cut = Pixels::open(&path, InputSpace::Auto, 1, |_| None).map(|_| ()).unwrap_err().to_string();
         assert!(cut.contains("cut short"), "{cut}");
         // Cameras append previews and notes.
         fs::write(&path, [&bytes[..], &bytes[..bytes.len() / 2], &[0xff, 0xda, 0]].concat()).unwrap();
-        assert!(Pixels::open(&path, 1, |_| None).is_ok() && Pixels::open(&path, 8, |_| None).is_ok());
+        assert!(
+            Pixels::open(&path, InputSpace::Auto, 1, |_| None).is_ok()
+                && Pixels::open(&path, InputSpace::Auto, 8, |_| None).is_ok()
+        );
     }
 }

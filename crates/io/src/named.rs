@@ -265,7 +265,6 @@ pub(crate) fn unread_format(path: &Path) -> Option<&'static str> {
         (_, Some(b"avif" | b"avis")) => Some("AVIF"),
         (_, Some(b"heic" | b"heix" | b"hevc" | b"mif1" | b"msf1")) => Some("HEIC"),
         (_, Some(_)) => Some("video"),
-        (b"II*\0" | b"MM\0*", _) => Some("TIFF or DNG"),
         (b"\0\0\0\x0c" | [0xff, 0x0a, ..], _) => Some("JPEG XL or JPEG 2000"),
         _ => None,
     }

@@ -10,7 +10,7 @@ use specula_core::{
     attributes::AttributeLosses,
     camera::Camera,
     depth_normal::{self, Cross},
-    loss::{self, LossWeights, NormalForm, SSIM_WINDOW, SsimMoments},
+    loss::{self, LossWeights, NormalForm, SSIM_WINDOW, SsimMoments, White},
     rules::channel,
     scene::Gaussians,
     vector::{Mat3, Vec3},
@@ -25,6 +25,8 @@ pub struct Target<R> {
     pub alpha: Option<Vec<R>>,
     /// Background colour, sRGB.
     pub background: [f32; 3],
+    /// Whether no number is above white.
+    pub is_clipped: bool,
 }
 
 /// Numbers of a picture that the losses use as constant weights.
@@ -64,15 +66,16 @@ pub fn freeze_weights<R: Number>(frame: &Frame<R>, unlit: Option<&Frame<R>>, cam
     FrozenWeights { coverage, surface, smoothness }
 }
 
-/// Rendered colour in the losses.
-fn compared<R: Number>(frame: &Frame<R>, target: &Target<R>, weights: &LossWeights) -> Vec<R> {
-    let rendered = composite(frame, target.background);
-    if !weights.saturates {
-        return rendered;
-    }
+/// Rendered and true colour in the losses.
+fn compared<R: Number>(frame: &Frame<R>, target: &Target<R>, weights: &LossWeights) -> [Vec<R>; 2] {
+    let white = weights.white(target.is_clipped);
     let alpha_of = |pixel: usize| target.alpha.as_ref().map_or(R::of(1.0), |alpha| alpha[pixel]);
+    let rendered = composite(frame, target.background);
     let pairs = rendered.iter().zip(&target.srgb).enumerate();
-    pairs.map(|(index, (x, y))| loss::recorded(*x, *y, alpha_of(index % frame.pixel_count()))).collect()
+    let pairs =
+        pairs.map(|(index, (x, y))| <(R, R)>::from(white.compared(*x, *y, alpha_of(index % frame.pixel_count()))));
+    let (rendered, truth) = pairs.unzip();
+    [rendered, truth]
 }
 
 /// The losses of a picture.
@@ -84,15 +87,15 @@ pub fn frame_loss<R: Number>(
     frozen: &FrozenWeights,
 ) -> R {
     let size = frame.pixel_count();
-    let rendered = compared(frame, target, weights);
+    let [rendered, truth] = compared(frame, target, weights);
     let mut total = R::of(0.0);
     let weighted_mean = |weight: f32, f: fn(R, R) -> R| {
-        let sum = rendered.iter().zip(&target.srgb).fold(R::of(0.0), |sum, (x, y)| sum + f(*x, *y));
+        let sum = rendered.iter().zip(&truth).fold(R::of(0.0), |sum, (x, y)| sum + f(*x, *y));
         sum * R::of(f64::from(weight) / (3 * size) as f64)
     };
     total = total + weighted_mean(weights.absolute, loss::absolute) + weighted_mean(weights.squared, loss::squared);
     if weights.dssim != 0.0 {
-        let similarities = ssim_moments(frame.width, frame.height, &rendered, &target.srgb);
+        let similarities = ssim_moments(frame.width, frame.height, &rendered, &truth);
         let sum = similarities.iter().fold(R::of(0.0), |sum, moments| sum + loss::ssim(moments));
         total = total + (-(sum / R::of((3 * size) as f64)) + 1.0) * weights.dssim;
     }
@@ -129,23 +132,31 @@ pub fn frame_loss_vjp<R: Number>(
 ) -> Frame<R> {
     let size = frame.pixel_count();
     let last = (frame.channels - 1) * size;
-    let rendered = compared(frame, target, weights);
+    let [rendered, truth] = compared(frame, target, weights);
     let mut grad = Frame { values: vec![R::of(0.0); frame.values.len()], ..*frame };
 
     let grad_of_value = |weight: f32| R::of(f64::from(weight) / (3 * size) as f64);
-    for (index, (x, y)) in rendered.iter().zip(&target.srgb).enumerate() {
+    for (index, (x, y)) in rendered.iter().zip(&truth).enumerate() {
         grad.values[index] = loss::absolute_vjp(*x, *y, grad_of_value(weights.absolute))
             + loss::squared_vjp(*x, *y, grad_of_value(weights.squared));
     }
     if weights.dssim != 0.0 {
         let grad_ssim = -grad_of_value(weights.dssim);
-        for (sum, x) in grad.values.iter_mut().zip(mean_ssim_vjp(frame, &rendered, &target.srgb, grad_ssim)) {
+        for (sum, x) in grad.values.iter_mut().zip(mean_ssim_vjp(frame, &rendered, &truth, grad_ssim)) {
             *sum = *sum + x;
         }
     }
-    if weights.saturates {
-        for (grad, (x, y)) in grad.values.iter_mut().zip(rendered.iter().zip(&target.srgb)) {
-            *grad = loss::recorded_vjp(*x, *y, *grad);
+    match weights.white(target.is_clipped) {
+        White::Exact => {}
+        White::Saturated => {
+            for (grad, (x, y)) in grad.values.iter_mut().zip(rendered.iter().zip(&truth)) {
+                *grad = loss::recorded_vjp(*x, *y, *grad);
+            }
+        }
+        White::Unclipped => {
+            for (grad, y) in grad.values.iter_mut().zip(&target.srgb) {
+                *grad = *grad * loss::unclipped_scale(*y);
+            }
         }
     }
     for index in 0..3 * size {

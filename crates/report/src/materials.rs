@@ -222,7 +222,7 @@ mod tests {
     }
 
     fn picture(pixels: &[[u8; 4]]) -> Option<Pixels> {
-        Some(Pixels { width: pixels.len() as u32, height: 1, rgba: pixels.concat() })
+        Some(Pixels::of_bytes(pixels.len() as u32, 1, pixels.concat()))
     }
 
     /// True albedo bytes of a pixel.

@@ -228,7 +228,7 @@ mod tests {
     #[test]
     fn a_mean_is_that_of_the_views_that_have_the_measure() {
         let views = [view(30.0, None), view(20.0, Some(4.0))];
-        assert_eq!(means(&views), [Some(25.0), Some(0.5), None, None, None, Some(4.0), None, None, None, None]);
+        assert_eq!(means(&views), [Some(25.0), Some(0.5), None, None, None, None, Some(4.0), None, None, None, None]);
         assert_eq!(summary(&means(&views)), "PSNR 25.00 dB  SSIM 0.5000  normal MAE 4.00°");
         let files = quality(&views);
         assert_eq!(files[2], ("MAE".into(), 4.0, vec![("00001.png".into(), 4.0)]));

@@ -31,9 +31,10 @@ pub(crate) fn loss_all(
     background: [f32; 3],
 ) -> (LossReport, FrameGrad) {
     let has_geometry = Channels::of_count(frame.channels).contain(channel::DEPTH);
-    let weights = weights.where_possible(target.has_alpha, has_geometry, target.is_clipped());
+    let weights = weights.where_possible(target.has_alpha, has_geometry);
     let distance = distances(context, frame, target);
-    let comparison = Comparison { context, frame, target, camera, weights, background, distance };
+    let white = weights.white(target.is_clipped());
+    let comparison = Comparison { context, frame, target, camera, weights, white, background, distance };
     let mut grad = context.take::<Quad>(frame.cover.tiles.len() * tile_len(frame.channels));
     let (mut report, planes) = comparison.pixel_losses(&mut grad);
     if weights.dssim != 0.0 {

@@ -87,6 +87,7 @@ impl Scene {
             srgb: (0..3 * EDGE * EDGE).map(draw).collect(),
             alpha: Some((0..EDGE * EDGE).map(|k| draw(10_000 + k)).collect()),
             background: [0.2, 0.5, 0.9],
+            is_clipped: true,
         };
         Self {
             gaussians: lift_gaussians(&cloud),
@@ -115,6 +116,7 @@ impl Scene {
             srgb: self.target.srgb.iter().map(dual).collect(),
             alpha: self.target.alpha.as_ref().map(|alpha| alpha.iter().map(dual).collect()),
             background: self.target.background,
+            is_clipped: self.target.is_clipped,
         };
         let Self { camera, rules, weights, .. } = self;
         let view = View { camera, target: &target, rules, weights, near_field: None };
@@ -243,6 +245,17 @@ fn gradients_where_pictures_saturate_are_right() {
     let exact = loss_of(&scene);
     scene.weights.saturates = true;
     assert!(loss_of(&scene) < exact, "something is brighter than white");
+    gaussian_gradients_are_right(&scene, &SHADED);
+}
+
+/// The true picture is up to five times as bright as white.
+#[test]
+fn gradients_of_pictures_without_a_limit_are_right() {
+    let mut scene = Scene::new(6, Layout::shaded(Some(1)), RadianceActivation::Exponential, NormalForm::Cosine);
+    scene.rules.shading = ShadingRules::DEFERRED;
+    scene.environment.values.iter_mut().for_each(|value| value.0 += 1.0);
+    scene.target.srgb.iter_mut().step_by(2).for_each(|number| number.0 *= 5.0);
+    (scene.target.is_clipped, scene.weights.saturates) = (false, true);
     gaussian_gradients_are_right(&scene, &SHADED);
 }
 

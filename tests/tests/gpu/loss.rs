@@ -9,7 +9,7 @@ use specula_core::{
     double::Double,
     executor::{Executor, ReadBack, Renderer},
     expose::{Exposure, IDENTITY, expose, expose_vjp},
-    loss::{LossReport, LossWeights, NormalForm},
+    loss::{LossReport, LossWeights, NormalForm, White},
     pipeline::render,
     prefilter::{LevelRange, PrefilterScheme},
     rules::{Channels, RenderRules, channel},
@@ -28,8 +28,8 @@ use specula_gpu::{
         expose_vjp::formulas::ExposeVjp,
         loss::formulas::{
             Bending, BendingVjp, BlurredNormal, ColorLoss, ComparedColors, CoverageLoss, DepthGrad, Evenness, Gloss,
-            MomentsDown, NormalLoss, NormalWeight, Structure, StructureGrad, UnitNormal, UnitNormalVjp, Windows,
-            WithBackground,
+            MomentsDown, NormalLoss, NormalWeight, Structure, StructureGrad, UnclippedScale, UnitNormal, UnitNormalVjp,
+            Windows, WithBackground,
         },
     },
 };
@@ -50,14 +50,17 @@ fn every_formula_of_the_losses_is_on_the_device_what_it_is_on_the_host() {
     let byte = [0.0, 255.0];
     let (share, unit) = ([0.1, 1.0], [0.0, 1.0]);
     let bright = [[0.0, 2.0], unit, [254.0, 255.0], [254.0, 255.0], unit];
-    for saturates in [false, true] {
-        assert_same(gpu, &ComparedColors { saturates }, &uniform_rows(1, &[unit, unit, byte, byte, unit]));
-        assert_same(gpu, &ComparedColors { saturates }, &uniform_rows(16, &bright));
+    for white in [White::Exact, White::Saturated, White::Unclipped] {
+        assert_same(gpu, &ComparedColors { white }, &uniform_rows(1, &[unit, unit, byte, byte, unit]));
+        assert_same(gpu, &ComparedColors { white }, &uniform_rows(16, &bright));
         let pairs = uniform_rows(10, &[unit, unit, [-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]]);
-        assert_same(gpu, &StructureGrad { saturates }, &pairs);
+        assert_same(gpu, &StructureGrad { white }, &pairs);
         let whites = uniform_rows(17, &[[1.0, 1.0], [0.99, 1.0], [-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]]);
-        assert_same(gpu, &StructureGrad { saturates }, &whites);
+        assert_same(gpu, &StructureGrad { white }, &whites);
     }
+    let unclipped = [[0.0, 2.0], unit, [0.0, 1500.0], byte, unit];
+    assert_same(gpu, &ComparedColors { white: White::Unclipped }, &uniform_rows(21, &unclipped));
+    assert_same(gpu, &UnclippedScale, &uniform_rows(22, &[[0.0, 1500.0], byte, unit]));
     assert_same(gpu, &ColorLoss, &uniform_rows(2, &[unit, unit, share, share]));
     assert_same(gpu, &WithBackground, &uniform_rows(3, &[unit, [-1.0, 1.0], [-1.0, 1.0]]));
     assert_same(gpu, &CoverageLoss, &uniform_rows(4, &[[0.05, 0.95], byte, share, share, share]));
@@ -284,13 +287,14 @@ impl Scene {
         let (frame, unlit) = (image(&compared.frame), compared.unlit.as_ref().map(image));
         let target = self.plain_target();
         let frozen = freeze_weights(&frame, unlit.as_ref(), &self.camera);
-        let grad = frame_loss_vjp(&frame, &target, &self.camera, &self.used_weights(), &frozen);
+        let grad = frame_loss_vjp(&frame, &target, &self.camera, &self.weights, &frozen);
         let report = self.exact_report(&frame, &target, &frozen);
         Exact { report, grad: grad.values.iter().map(|x| x.0).collect() }
     }
     /// Whether the true picture is white in this pixel.
     fn is_overexposed(&self, c: usize, pixel: usize) -> bool {
-        self.used_weights().saturates && [c, 3].iter().all(|channel| self.rgba[4 * pixel + channel] == u8::MAX)
+        self.weights.white(self.unclipped.is_none()) == White::Saturated
+            && [c, 3].iter().all(|channel| self.rgba[4 * pixel + channel] == u8::MAX)
     }
     fn has_alpha(&self) -> bool {
         self.rgba.chunks_exact(4).any(|pixel| pixel[3] < 255)
@@ -311,12 +315,8 @@ impl Scene {
             srgb: over(0).chain(over(1)).chain(over(2)).collect(),
             alpha: self.has_alpha().then(|| self.rgba.chunks_exact(4).map(|pixel| Double(alpha(pixel))).collect()),
             background: self.background,
+            is_clipped: self.unclipped.is_none(),
         }
-    }
-    /// The weights, without losses that do not apply to the picture.
-    fn used_weights(&self) -> LossWeights {
-        let has_geometry = self.channels() > channel::DEPTH;
-        self.weights.where_possible(self.has_alpha(), has_geometry, self.unclipped.is_none())
     }
     /// Each loss separately.
     fn exact_report(
@@ -325,7 +325,7 @@ impl Scene {
         target: &plain::Target<Double>,
         frozen: &FrozenWeights,
     ) -> LossReport {
-        let LossWeights { normal_form, saturates, .. } = self.used_weights();
+        let LossWeights { normal_form, saturates, .. } = self.weights;
         let none = LossWeights { normal_form, saturates, ..LossWeights::NONE };
         let loss_of = |weights: LossWeights| frame_loss(frame, target, &self.camera, &weights, frozen).0;
         let keep = |value: f64, weight: f32| if weight == 0.0 { 0.0 } else { value };
@@ -339,7 +339,7 @@ impl Scene {
             coverage: keep(loss_of(LossWeights { coverage: 1.0, ..none }), weights.coverage),
             ..LossReport::default()
         };
-        report.with_total(&self.used_weights())
+        report.with_total(&weights.where_possible(self.has_alpha(), self.channels() > channel::DEPTH))
     }
 }
 

@@ -355,20 +355,36 @@ fn colours_of_openexr_are_found_by_the_names_of_channels() {
 }
 
 #[test]
-fn other_primaries_of_openexr_are_noted() {
+fn other_primaries_of_openexr_are_converted() {
     let channels = AnyChannels::sort(
         ["R", "G", "B"].map(|name| AnyChannel::new(name, FlatSamples::F32(vec![1.0]))).into_iter().collect(),
     );
     let layer = Layer::new((1, 1), LayerAttributes::default(), Encoding::SMALL_LOSSLESS, channels);
     let mut image = Image::from_layer(layer);
     let xy = |x, y| Vec2(x, y);
-    for (red, is_noted) in [(xy(0.64, 0.33), false), (xy(0.713, 0.293), true)] {
-        let (green, blue, white) = (xy(0.3, 0.6), xy(0.15, 0.06), xy(0.3127, 0.329));
+    // White is white; a colour beyond Rec. 709 has negative red, which no light has.
+    let rec_709 = [xy(0.64, 0.33), xy(0.3, 0.6), xy(0.15, 0.06), xy(0.3127, 0.329)];
+    let acescg = [xy(0.713, 0.293), xy(0.165, 0.83), xy(0.128, 0.044), xy(0.321_68, 0.337_67)];
+    for ([red, green, blue, white], color, expected) in [
+        (rec_709, [2.0, 0.5, 0.25], [2.0, 0.5, 0.25]),
+        (acescg, [3.0; 3], [3.0; 3]),
+        (acescg, [0.25, 1.0, 0.5], [0.0, 1.102_97, 0.441_516]),
+    ] {
         image.attributes.chromaticities = Some(Chromaticities { red, green, blue, white });
+        image
+            .layer_data
+            .channel_data
+            .list
+            .iter_mut()
+            .zip([color[2], color[1], color[0]])
+            .for_each(|(channel, number)| channel.sample_data = FlatSamples::F32(vec![number]));
         let mut bytes = Cursor::new(Vec::new());
         image.write().to_buffered(&mut bytes).unwrap();
-        let notes = latlong::notes(Input::memory("a.exr", &bytes.into_inner())).unwrap();
-        assert_eq!(notes.concat().contains("primaries"), is_noted, "{notes:?}");
+        let bytes = bytes.into_inner();
+        let input = Input::memory("a.exr", &bytes);
+        let found = latlong::read_from(input).unwrap().0.rgb;
+        assert!(found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-4), "{found:?}");
+        assert!(latlong::notes(input).unwrap().is_empty());
     }
 }
 

@@ -71,7 +71,7 @@ fn names_of_any_system_find_their_pictures() {
         [r"images\a\x.png", r"images\b\x.png", r"images\b\y.png"],
         [r".\images\a\x.png", "./images/b/x.png", "images/./a/../b//y.png"],
         ["IMAGES/A/X.PNG", "images/b/X.png", "Images/b/y.Png"],
-        ["images/a/x.tif", "images/b/x.HEIC", "images/b/y.png.png"],
+        ["images/a/x.bmp", "images/b/x.HEIC", "images/b/y.png.png"],
         [r"C:\data\images\a\x.png", r"C:\data\images\b\x.png", r"C:\data\images\b\y.png"],
         ["/home/me/a/x.png", "/home/me/b/x.jpg", "../../b/y"],
     ] {
@@ -187,11 +187,11 @@ fn formats_that_are_not_read_are_named() {
     let folder = data_set("transforms.json", &["images/a.heic", "images/b.png"], &["images/b.png"], json!({}));
     fs::write(folder.path().join("images/a.heic"), "").unwrap();
     assert_says(&remark(&load(&folder)), &["skipped 1 images of an unsupported format", "a.heic", "PNG or JPEG"]);
-    fs::rename(folder.path().join("images/b.png"), folder.path().join("images/b.TIF")).unwrap();
+    fs::rename(folder.path().join("images/b.png"), folder.path().join("images/b.HEIF")).unwrap();
     let refusal = try_load(&folder, &options()).unwrap_err().to_string();
     assert_says(&refusal, &["a.heic", "an unsupported format", "convert"]);
-    fs::write(folder.path().join("images/b.png"), b"II*\0\x08\0\0\0\0\0\0\0").unwrap();
-    assert_says(&try_load(&folder, &options()).unwrap_err().to_string(), &["b.png", "it is TIFF"]);
+    fs::write(folder.path().join("images/b.png"), b"\0\0\0\x1cftypheic\0\0\0\0").unwrap();
+    assert_says(&try_load(&folder, &options()).unwrap_err().to_string(), &["b.png", "it is HEIC"]);
 }
 
 /// Masks that hide the left half.
@@ -242,12 +242,12 @@ fn masks_that_cannot_be_read_are_told() {
     };
     let folder = with_masks(&["a.npy", "b.npy"]);
     assert_says(&remark(&load(&folder)), &["masks\" has no readable mask", "PNG"]);
-    let folder = with_masks(&["a.tif"]);
+    let folder = with_masks(&["a.heic"]);
     assert_says(&remark(&load(&folder)), &["masks\" has no readable mask"]);
     write_mask(&folder, "masks/b.png");
     assert_says(
         &remark(&load(&folder)),
-        &["1 of 2 masks", "unsupported formats", "a.tif", "2 of 3 pictures have no mask"],
+        &["1 of 2 masks", "unsupported formats", "a.heic", "2 of 3 pictures have no mask"],
     );
     #[cfg(unix)]
     for name in ["masks", "masks/a.png"] {

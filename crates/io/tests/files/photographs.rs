@@ -1,12 +1,12 @@
 //! Data sets of photographs: COLMAP's and nerfstudio's, small ones that are made here.
 
 use glam::{Mat3, Quat, Vec3};
-use image::{Rgb, RgbImage, codecs::jpeg::JpegEncoder};
+use image::{ImageBuffer, Rgb, Rgb32FImage, RgbImage, Rgba, Rgba32FImage, codecs::jpeg::JpegEncoder};
 use serde_json::{Value, json};
-use specula_core::color::UNKNOWN;
+use specula_core::color::{UNKNOWN, srgb_from_linear};
 use specula_io::{
     Result,
-    dataset::{self, Dataset, LoadOptions, MaskUse},
+    dataset::{self, Dataset, InputSpace, LoadOptions, MaskUse},
     points_ply::{self, PointCloud},
 };
 use std::{
@@ -580,4 +580,93 @@ fn a_reconstruction_of_its_own_comes_before_a_list() {
     let folder = nerfstudio(json!({}));
     Scene::pinhole().write_text(folder.path());
     assert_says(&load(folder.path()).unwrap().report.source, &["COLMAP"]);
+}
+
+/// Data set with one picture, which `write` writes to a path without an ending.
+fn one_picture(write: impl FnOnce(&Path)) -> TempDir {
+    let scene = Scene { images: vec![("a.jpg", 1)], ..Scene::pinhole() };
+    let folder = tempfile::tempdir().unwrap();
+    scene.write_text(folder.path());
+    write(&made(&folder.path().join("images/a")));
+    folder
+}
+
+fn load_in(folder: &Path, space: InputSpace, downscale: u32) -> Dataset {
+    dataset::load(folder, &LoadOptions { space, downscale, test_every: 0, ..LoadOptions::default() }, |_, _| {})
+        .unwrap()
+}
+
+/// Asserts that the first pixels have this radiance, within steps of a half.
+fn assert_radiance(data: &Dataset, expected: &[[f32; 3]]) {
+    let image = &data.train[0].image;
+    let found = image.unclipped.as_ref().expect("the picture is linear");
+    for (index, (found, expected)) in found.iter().zip(expected).enumerate() {
+        for (c, (found, expected)) in found.iter().zip(expected).enumerate() {
+            let encoded = srgb_from_linear(*expected);
+            assert!((f32::from(*found) - encoded).abs() <= 1e-3 * encoded, "{found} instead of {encoded}");
+            let byte = (255.0 * encoded).clamp(0.0, 255.0).round() as u8;
+            assert!(image.rgba[4 * index + c].abs_diff(byte) <= 1, "bytes are the clipped numbers");
+        }
+    }
+}
+
+#[test]
+fn openexr_keeps_radiance_above_white() {
+    let folder = one_picture(|path| {
+        let pixel = |x: u32, y: u32| match (x, y) {
+            (0, 0) => Rgba([12.5, 0.5, 0.0, 1.0]),
+            (1, 0) => Rgba([2.0, 0.25, 0.05, 0.5]),
+            (2, 0) => Rgba([1.0, f32::NAN, 1.0, 1.0]),
+            (3, 0) => Rgba([-1.0, f32::INFINITY, 0.2, 1.0]),
+            _ => Rgba([0.1, 0.2, 0.3, 1.0]),
+        };
+        Rgba32FImage::from_fn(WIDTH, HEIGHT, pixel).save(path.with_extension("exr")).unwrap();
+    });
+    let data = load_in(folder.path(), InputSpace::Auto, 1);
+    // Colours of OpenEXR are multiplied by alpha; a half ends at 65504.
+    let expected = [[12.5, 0.5, 0.0], [4.0, 0.5, 0.1], [0.0; 3], [0.0, 65504.0, 0.2], [0.1, 0.2, 0.3]];
+    let image = &data.train[0].image;
+    assert_eq!(image.rgba[8..12], UNKNOWN, "what is no number is unknown");
+    assert_eq!((image.rgba[3], image.rgba[7]), (255, 128));
+    let mut known = data.clone();
+    known.train[0].image.rgba[8..12].copy_from_slice(&[0, 0, 0, 255]);
+    assert_radiance(&known, &expected);
+    assert!(data.notes.iter().any(|note| note.contains("1 pictures are linear")), "{:?}", data.notes);
+}
+
+#[test]
+fn linear_pictures_of_integers_are_read_as_declared() {
+    let deep = ImageBuffer::<Rgb<u16>, _>::from_fn(WIDTH, HEIGHT, |x, _| Rgb([x as u16 * 2000, 65535, 300]));
+    let radiance: Vec<[f32; 3]> = (0..WIDTH).map(|x| [x as f32 * 2000.0 / 65535.0, 1.0, 300.0 / 65535.0]).collect();
+    for ending in ["png", "tif", "TIFF"] {
+        let folder = one_picture(|path| deep.save(path.with_extension(ending)).unwrap());
+        assert_radiance(&load_in(folder.path(), InputSpace::Linear, 1), &radiance);
+        let plain = load_in(folder.path(), InputSpace::Auto, 1);
+        assert_eq!(plain.train[0].image.unclipped, None, "without a word of it, numbers are sRGB");
+        assert_eq!(plain.train[0].image.rgba[4..8], [8, 255, 1, 255]);
+    }
+    let folder = one_picture(|path| {
+        let mut encoder = png::Encoder::new(fs::File::create(path.with_extension("png")).unwrap(), WIDTH, HEIGHT);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Sixteen);
+        encoder.set_source_gamma(png::ScaledFloat::new(1.0));
+        let bytes: Vec<u8> = deep.as_raw().iter().flat_map(|number| number.to_be_bytes()).collect();
+        encoder.write_header().unwrap().write_image_data(&bytes).unwrap();
+    });
+    assert_radiance(&load_in(folder.path(), InputSpace::Auto, 1), &radiance);
+}
+
+#[test]
+fn acescg_is_converted_and_averages_stay_above_white() {
+    let folder = one_picture(|path| {
+        let pixel = |x: u32, _| Rgb([if x % 2 == 0 { 8.0 } else { 0.5 }; 3]);
+        Rgb32FImage::from_fn(WIDTH, HEIGHT, pixel).save(path.with_extension("exr")).unwrap();
+    });
+    assert_radiance(&load_in(folder.path(), InputSpace::AcesCg, 1), &[[8.0; 3], [0.5; 3]]);
+    let halved = load_in(folder.path(), InputSpace::Auto, 2);
+    let image = &halved.train[0].image;
+    let expected = (srgb_from_linear(8.0_f32) + srgb_from_linear(0.5_f32)) / 2.0;
+    let found = f32::from(image.unclipped.as_ref().unwrap()[3][1]);
+    assert!((found - expected).abs() < 2e-3, "{found} instead of {expected}");
+    assert_eq!(image.rgba[..3], [255; 3]);
 }

@@ -12,7 +12,7 @@ use specula_core::{
     bin::tile_count,
     camera::Camera,
     color::{Picture, from_byte, has_alpha, is_unknown},
-    loss::LossWeights,
+    loss::{LossWeights, White},
     real::Real,
     scene::BLOCK,
 };
@@ -113,6 +113,7 @@ pub(super) struct Comparison<'a> {
     pub(super) target: &'a Target,
     pub(super) camera: &'a Camera,
     pub(super) weights: LossWeights,
+    pub(super) white: White,
     pub(super) background: [f32; 3],
     /// Distance of each tile, in tiles, from the nearest one with anything but the background, up
     /// to [`FAR`].

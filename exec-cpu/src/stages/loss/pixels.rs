@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use specula_core::{
     color::{composite, composite_vjp, over},
     depth_normal::{expected_depth, is_surface},
-    loss::{LossReport, absolute, absolute_vjp, recorded, sparse_coverage_vjp, squared, squared_vjp},
+    loss::{LossReport, White, absolute, absolute_vjp, sparse_coverage_vjp, squared, squared_vjp, unclipped_scale},
     real::Real,
     rules::channel,
     scene::BLOCK,
@@ -109,7 +109,7 @@ impl Comparison<'_> {
                 None => behind,
             } * inside;
             let truth = over(truth[c], alpha, behind) * inside;
-            let rendered = if weights.saturates { recorded(rendered, truth, alpha) } else { rendered };
+            let [rendered, truth] = self.white.compared(rendered, truth, alpha);
             sums[0] = sums[0] + absolute(rendered, truth);
             sums[1] = sums[1] + squared(rendered, truth);
             if let Some(grad) = &mut grad {
@@ -140,8 +140,8 @@ impl Comparison<'_> {
         pixels
     }
 
-    /// Gradient of the transmittance through the background. Windows of SSIM include unknown
-    /// pixels, but these have no gradient.
+    /// Gradient of the transmittance through the background, after those of colours that are not
+    /// clipped are scaled. Windows of SSIM include unknown pixels, but these have no gradient.
     pub(super) fn background_vjp(&self, grad: &mut [Quad]) {
         let channels = self.frame.channels;
         grad.par_chunks_mut(tile_len(channels)).enumerate().for_each(|(slot, tile)| {
@@ -152,6 +152,14 @@ impl Comparison<'_> {
                         for c in 0..3 {
                             let color = &mut tile[at(channels, quad, c)];
                             (Lanes::load(simd, color) * known).store(color);
+                        }
+                    }
+                    if self.white == White::Unclipped {
+                        let [truth @ .., alpha] = self.target.read(simd, self.frame.cover.tile_position(slot), quad);
+                        for c in 0..3 {
+                            let truth = over(truth[c], alpha, Lanes::splat(simd, self.background[c]));
+                            let color = &mut tile[at(channels, quad, c)];
+                            (Lanes::load(simd, color) * unclipped_scale(truth)).store(color);
                         }
                     }
                     let mut sum = Lanes::load(simd, &tile[at(channels, quad, channels)]);

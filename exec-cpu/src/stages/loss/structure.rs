@@ -10,7 +10,7 @@ use crate::{
 };
 use fearless_simd::{Simd, dispatch};
 use specula_core::loss::{
-    SSIM_WINDOW, SsimMoments, recorded_vjp, ssim, ssim_pixel_vjp, ssim_vjp, ssim_window, window_mean,
+    SSIM_WINDOW, SsimMoments, White, recorded_vjp, ssim, ssim_pixel_vjp, ssim_vjp, ssim_window, window_mean,
 };
 
 /// Half of SSIM's window.
@@ -246,13 +246,13 @@ fn add_grads<S: Simd>(
     comparison: &Comparison<'_>,
     tile: &mut [Quad],
 ) {
-    let Comparison { frame, weights, .. } = comparison;
+    let Comparison { frame, white, .. } = comparison;
     let (rendered, truth) = (planes.plane(position, plane::RENDERED + c), planes.plane(position, plane::TRUTH + c));
     let [columns, rows] = inside(frame, position);
     for row in 0..rows {
         let (x, y) = (Lanes::load(simd, &rendered[row]), Lanes::load(simd, &truth[row]));
         let grad = ssim_pixel_vjp(x, y, strip.along(simd, window, row));
-        let grad = if weights.saturates { recorded_vjp(x, y, grad) } else { grad };
+        let grad = if *white == White::Saturated { recorded_vjp(x, y, grad) } else { grad };
         let row_grad = grad.keep_first(columns);
         add_to_row(tile, frame.channels, c, row, &row_grad.to_array());
     }

@@ -8,8 +8,9 @@ use specula_core::{
     color::{composite, composite_vjp, from_byte, over},
     depth_normal::{Cross, expected_depth, expected_depth_vjp, is_surface, rays_around, surface_weight},
     loss::{
-        NormalForm, NormalPatch, SSIM_WINDOW, SsimMoments, absolute, absolute_vjp, normal_loss, recorded, recorded_vjp,
-        sparse_coverage_vjp, squared, squared_vjp, ssim, ssim_pixel_vjp, ssim_vjp, ssim_window, window_mean,
+        NormalForm, NormalPatch, SSIM_WINDOW, SsimMoments, White, absolute, absolute_vjp, normal_loss, recorded_vjp,
+        sparse_coverage_vjp, squared, squared_vjp, ssim, ssim_pixel_vjp, ssim_vjp, ssim_window, unclipped_scale,
+        window_mean,
     },
     real::Real,
     shade_pixels::unlit_pixel_color,
@@ -24,9 +25,8 @@ fn share(name: &str) -> [Field; 1] {
 /// Rendered and true colour, both over the background ([`mod@specula_core::color`]).
 #[derive(Clone, Copy, Debug)]
 pub struct ComparedColors {
-    /// True if the rendered colour is clamped like a recorded one
-    /// ([`specula_core::loss::recorded`]).
-    pub saturates: bool,
+    /// Meaning of white in the true picture.
+    pub white: White,
 }
 
 formula!(ComparedColors, |this, inputs| compared_colors(
@@ -36,7 +36,16 @@ formula!(ComparedColors, |this, inputs| compared_colors(
     let alpha = from_byte(alpha_byte);
     let truth = over(from_byte(color_byte), alpha, background);
     let rendered = composite(color, transmittance, background);
-    [if this.saturates { recorded(rendered, truth, alpha) } else { rendered }, truth]
+    this.white.compared(rendered, truth, alpha)
+});
+
+/// Scale of the gradient of a colour that is not clipped ([`specula_core::loss::unclipped_scale`]).
+#[derive(Clone, Copy, Debug)]
+pub struct UnclippedScale;
+
+formula!(UnclippedScale, |_, inputs| unclipped_scale(color_byte: 1, alpha_byte: 1, background: 1) -> (scale: 1) {
+    let [color_byte, alpha_byte, background] = inputs.array();
+    [unclipped_scale(over(from_byte(color_byte), from_byte(alpha_byte), background))]
 });
 
 /// L1 and L2 losses of a colour ([`mod@specula_core::loss`]), and their gradient.
@@ -148,14 +157,14 @@ formula!(Structure, |_, inputs| structure_of(means: 4, ..share("structure")) -> 
 /// Gradient of a colour through all windows around it ([`specula_core::loss::ssim_pixel_vjp`]).
 #[derive(Clone, Copy, Debug)]
 pub struct StructureGrad {
-    /// True if the colours are clamped like recorded ones ([`specula_core::loss::recorded_vjp`]).
-    pub saturates: bool,
+    /// Meaning of white in the true picture.
+    pub white: White,
 }
 
 formula!(StructureGrad, |this, inputs| structure_grad(pair: 2, grads: 3) -> (grad: 1) {
     let [rendered, truth] = inputs.array();
     let grad = ssim_pixel_vjp(rendered, truth, inputs.array());
-    [if this.saturates { recorded_vjp(rendered, truth, grad) } else { grad }]
+    [if this.white == White::Saturated { recorded_vjp(rendered, truth, grad) } else { grad }]
 });
 
 /// Reads the values of a pixel's neighbours: left, right, above, below.

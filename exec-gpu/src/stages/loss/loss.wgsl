@@ -51,7 +51,7 @@ fn texel_at(index: u32) -> u32 {
 
 // Colour of a target's pixel, 255 for white.
 fn true_color(index: u32, c: u32) -> f32 {
-    if IS_CLIPPED {
+    if !IS_UNCLIPPED {
         return byte_of(texel_at(index), c);
     }
     let halves = unpack2x16float(texels[TEXEL_WORDS * index + 1u + c / 2u]);

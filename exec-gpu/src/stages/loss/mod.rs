@@ -20,14 +20,14 @@ use crate::{
 use core::ops::Range;
 use formulas::{
     Bending, BendingVjp, BlurredNormal, ColorLoss, ComparedColors, CoverageLoss, DepthGrad, Evenness, Gloss,
-    MomentsDown, NormalLoss, NormalWeight, Structure, StructureGrad, UnitNormal, UnitNormalVjp, Windows,
-    WithBackground,
+    MomentsDown, NormalLoss, NormalWeight, Structure, StructureGrad, UnclippedScale, UnitNormal, UnitNormalVjp,
+    Windows, WithBackground,
 };
 use specula_core::{
     bin::{TILE_SIZE, tile_count},
     camera::Camera,
     color::{Picture, UNKNOWN, has_alpha},
-    loss::{LossReport, LossWeights, NormalForm, SSIM_WINDOW},
+    loss::{LossReport, LossWeights, NormalForm, SSIM_WINDOW, White},
     rules::{Channels, channel},
     smoothness::{BLUR_REACH, CREASE_REACH, REACHES},
 };
@@ -86,10 +86,8 @@ pub(crate) struct LossVariant {
     pub(crate) has_residual: bool,
     pub(crate) normals: Option<NormalForm>,
     pub(crate) has_smoothness: bool,
-    /// Whether true pictures saturate at white.
-    pub(crate) saturates: bool,
-    /// Whether true pictures have no number above white.
-    pub(crate) is_clipped: bool,
+    /// Meaning of white in true pictures.
+    pub(crate) white: White,
 }
 
 /// Sums over the pixels of a tile: L1 and L2 losses of colour, coverage loss, normal loss,
@@ -105,6 +103,10 @@ const LOSS_SUMS: usize = PIXEL_SUMS + 3;
 const FOUR_PIXELS_EACH: usize = (TILE_SIZE * TILE_SIZE / 4) as usize;
 
 impl LossVariant {
+    fn is_unclipped(&self) -> bool {
+        self.white == White::Unclipped
+    }
+
     /// Declarations of all kernels; `sum` is the type that the `group` invocations of a tile sum.
     fn source(&self, group: usize, sum: &str) -> Source {
         let blended = Channels::of_count(self.channels);
@@ -113,8 +115,8 @@ impl LossVariant {
             .real()
             .count("CHANNELS", self.channels)
             .count("LOSS_GROUP", group)
-            .flag("IS_CLIPPED", self.is_clipped)
-            .count("TEXEL_WORDS", if self.is_clipped { 1 } else { UNCLIPPED_WORDS })
+            .flag("IS_UNCLIPPED", self.is_unclipped())
+            .count("TEXEL_WORDS", if self.is_unclipped() { UNCLIPPED_WORDS } else { 1 })
             .count("UNKNOWN", u32::from_le_bytes(UNKNOWN) as usize)
             .count("COLOR_CHANNEL", channel::COLOR)
             .count("NORMAL_CHANNEL", index(channel::NORMAL))
@@ -144,7 +146,7 @@ pub(crate) fn mark_source(variant: &LossVariant) -> String {
 
 pub(crate) fn structure_source(variant: &LossVariant) -> String {
     windows(variant.source(FOUR_PIXELS_EACH, "f32"), "vec4f")
-        .formula(&ComparedColors { saturates: variant.saturates })
+        .formula(&ComparedColors { white: variant.white })
         .formula(&MomentsDown)
         .formula(&means_across::<4>())
         .formula(&Structure)
@@ -157,13 +159,14 @@ pub(crate) fn pixel_source(variant: &LossVariant) -> String {
     windows(variant.source(FOUR_PIXELS_EACH, "vec3f"), "vec3f")
         .flag("HAS_STRUCTURE", variant.has_structure)
         .flag("HAS_RESIDUAL", variant.has_residual)
-        .formula(&ComparedColors { saturates: variant.saturates })
+        .formula(&ComparedColors { white: variant.white })
+        .formula(&UnclippedScale)
         .formula(&ColorLoss)
         .formula(&WithBackground)
         .formula(&CoverageLoss)
         .formula(&Windows::<3> { name: "means_down", count: MomentsDown::COUNT })
         .formula(&means_across::<3>())
-        .formula(&StructureGrad { saturates: variant.saturates })
+        .formula(&StructureGrad { white: variant.white })
         .with(include_str!("pixels.wgsl"))
         .text()
 }
@@ -315,7 +318,7 @@ pub(crate) fn loss(
         return Err(GpuError::FrameSize { expected: target.size, found: frame.size });
     }
     let has_geometry = Channels::of_count(frame.channels).contain(channel::DEPTH);
-    let weights = weights.where_possible(target.has_alpha, has_geometry, target.is_clipped);
+    let weights = weights.where_possible(target.has_alpha, has_geometry);
     let comparison = Comparison::new(context, frame, target, camera, &weights, background)?;
     comparison.dispatch(context)?;
     let Comparison { grads, sums, variant, .. } = comparison;
@@ -339,8 +342,7 @@ impl<'a> Comparison<'a> {
             has_residual: weights.residual_image != 0.0,
             normals: (weights.normal != 0.0).then_some(weights.normal_form),
             has_smoothness: weights.smoothness != 0.0,
-            saturates: weights.saturates,
-            is_clipped: target.is_clipped,
+            white: weights.white(target.is_clipped),
         };
         let partial_planes = if variant.has_structure { 9 } else { 0 };
         Ok(Self {

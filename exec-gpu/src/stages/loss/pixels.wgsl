@@ -4,7 +4,7 @@
 // Memory: means over SSIM's windows of the tile's rows in workgroup memory, colour by colour.
 // Inputs: colours, transmittance, target, marks of the tiles, gradients of SSIM's window means.
 // Outputs: gradients of the colours and of the transmittance, zero so far; sums over each tile.
-// Variants: number of channels, with or without SSIM and residual layer.
+// Variants: number of channels, meaning of white, with or without SSIM and residual layer.
 // Early exit: tiles without a visible splat keep zero gradients.
 
 @group(0) @binding(4) var<storage, read> marks: array<u32>;
@@ -54,7 +54,11 @@ fn color_grad(pixel: vec2u, c: u32, transmittance: f32, alpha: f32, grad_windows
     let pair = compared_colors(color, transmittance, true_color(index, c), alpha, settings.background[c]);
     let loss = color_loss(pair);
     pixel_sums += vec3f(loss.absolute, loss.squared, 0.0);
-    return loss.grad + structure_grad(pair, grad_windows);
+    let grad = loss.grad + structure_grad(pair, grad_windows);
+    if IS_UNCLIPPED {
+        return grad * unclipped_scale(true_color(index, c), alpha, settings.background[c]);
+    }
+    return grad;
 }
 
 fn store_grad(plane: u32, pixel: vec2u, grad: f32) {
