@@ -246,8 +246,8 @@ pub(crate) struct Watch {
     /// Access token; generated when listening beyond loopback.
     #[arg(long, value_name = "WORD", requires = "view", value_parser = token)]
     pub(crate) token: Option<String>,
-    /// Serve the page until the training ends (done), or beyond that until Ctrl-C (ctrl-c). The
-    /// default is ctrl-c if stdout is a terminal, else done, so that scripts do not wait.
+    /// Serve the page until the training ends (done), or until Ctrl-C (ctrl-c); by default ctrl-c
+    /// if stdout is a terminal.
     #[arg(long, value_name = "done|ctrl-c", requires = "view", hide_possible_values = true)]
     pub(crate) view_until: Option<ViewUntil>,
 }
@@ -290,8 +290,7 @@ pub(crate) struct ResumeOptions {
     #[arg(long, value_name = "FILE.toml")]
     #[serde(skip)]
     pub(crate) config: Option<PathBuf>,
-    /// Settings for a kind of data set, listed below; options that are given or in --config take
-    /// precedence.
+    /// Settings for a kind of data set, listed below; other options prevail.
     #[arg(long, value_enum, conflicts_with = "resume", hide_possible_values = true)]
     #[serde(skip)]
     pub(crate) preset: Option<Preset>,

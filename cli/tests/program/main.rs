@@ -21,6 +21,7 @@ mod known_light;
 mod lamps;
 mod library;
 mod light_network;
+mod linear;
 mod manifest;
 mod origin;
 mod pages;

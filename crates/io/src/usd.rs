@@ -92,10 +92,8 @@ pub fn write(path: &Path, stage: &Stage<'_>) -> Result<()> {
             if light.is_none() {
                 return Ok(());
             }
-            write!(
-                out,
-                "\n    def DomeLight \"Light\"\n    {{\n        asset inputs:texture:file = @./{prefix}{LIGHT}@ (\n"
-            )?;
+            let file = asset(&format!("{prefix}{LIGHT}"));
+            write!(out, "\n    def DomeLight \"Light\"\n    {{\n        asset inputs:texture:file = {file} (\n")?;
             write!(out, "            colorSpace = \"{LINEAR}\"\n        )\n")?;
             write!(out, "        token inputs:texture:format = \"latlong\"\n    }}\n")
         })
@@ -286,10 +284,15 @@ fn write_surface(out: &mut dyn Write, mesh: &TexturedMesh, prefix: &str) -> io::
     writeln!(out, "    }}")
 }
 
+/// Path of a file beside the stage, in a form that may have @ in it.
+fn asset(file: &str) -> String {
+    if file.contains('@') { format!("@@@./{}@@@", file.replace("@@@", r"\@@@")) } else { format!("@./{file}@") }
+}
+
 /// Writes the reader of a texture, with further lines.
 fn texture(out: &mut dyn Write, name: &str, file: &str, space: &str, lines: &[&str]) -> io::Result<()> {
     let (file, space) =
-        (format!("asset inputs:file = @./{file}@"), format!("token inputs:sourceColorSpace = \"{space}\""));
+        (format!("asset inputs:file = {}", asset(file)), format!("token inputs:sourceColorSpace = \"{space}\""));
     let common = [
         &file,
         &space,

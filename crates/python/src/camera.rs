@@ -6,6 +6,7 @@ use crate::{
     threads::try_compute,
 };
 use glam::Vec3;
+use half::f16;
 use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use specula_core::camera;
@@ -159,6 +160,9 @@ pub(crate) struct View {
     /// Pixels in 8-bit sRGB with straight alpha.
     #[pyo3(get)]
     rgba: Py<PyArrayDyn<u8>>,
+    /// Colours on the curve of sRGB without a limit at white, of a linear picture; none of others.
+    #[pyo3(get)]
+    unclipped: Option<Py<PyArrayDyn<f32>>>,
     /// Unit normals in the world, 0 where there is none; none without ground truth.
     #[pyo3(get)]
     normals: Option<Py<PyArrayDyn<f32>>>,
@@ -168,8 +172,11 @@ impl View {
     /// The picture and its camera.
     pub(crate) fn read(&self, py: Python<'_>) -> PyResult<specula_train::view::View> {
         let rgba = self.rgba.bind(py).to_vec()?;
+        let unclipped = self.unclipped.as_ref().map(|colors| colors.bind(py).to_vec()).transpose()?;
+        let halves = |color: &[f32; 3]| color.map(f16::from_f32);
+        let unclipped = unclipped.map(|colors| colors.as_chunks().0.iter().map(halves).collect());
         let Camera { camera, name } = self.camera.clone();
-        Ok(specula_train::view::View { name, camera, rgba, unclipped: None, normals: None })
+        Ok(specula_train::view::View { name, camera, rgba, unclipped, normals: None })
     }
 }
 
@@ -196,10 +203,13 @@ pub(crate) fn load_views(py: Python<'_>, dataset: PathBuf, split: &str, downscal
             let known = |(normal, is_known): (&[f32; 3], &bool)| if *is_known { *normal } else { [0.0; 3] };
             normals.values.iter().zip(&normals.mask).map(known).collect::<Vec<_>>()
         });
-        let normals = normals.map(|rows| crate::arrays::rows(py, rows, &[shape[0], shape[1], 3])).transpose()?;
+        let unclipped = view.unclipped.map(|colors| colors.into_iter().map(|color| color.map(f32::from)).collect());
+        let planes = |rows: Vec<[f32; 3]>| crate::arrays::rows(py, rows, &[shape[0], shape[1], 3]);
+        let (normals, unclipped) = (normals.map(planes).transpose()?, unclipped.map(planes).transpose()?);
         Ok(View {
             camera: Camera { camera: view.camera, name: view.name },
             rgba: array(py, view.rgba, &[shape[0], shape[1], 4])?.unbind(),
+            unclipped: unclipped.map(Bound::unbind),
             normals: normals.map(Bound::unbind),
         })
     };

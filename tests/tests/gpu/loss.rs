@@ -568,7 +568,9 @@ fn unknown_pixels_have_no_loss() {
         let truth = scene.plain_target().srgb;
         let apart = |c: usize, pixel: usize| {
             let (shown, truth) = (f64::from(shown(c, pixel)), truth[c * size + pixel].0);
-            (if scene.is_overexposed(c, pixel) { shown.min(1.0) } else { shown } - truth).abs()
+            let apart = if scene.is_overexposed(c, pixel) { shown.min(1.0) } else { shown } - truth;
+            // Differences above white are relative.
+            apart.abs() / truth.max(1.0)
         };
         let known = || (0..size).filter(|pixel| !is_unknown(*pixel));
         let sum: f64 =

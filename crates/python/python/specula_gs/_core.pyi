@@ -108,6 +108,12 @@ class View:
         """Pixels [H, W, 4] in 8-bit sRGB with straight alpha."""
 
     @property
+    def unclipped(self) -> NDArray[np.float32] | None:
+        """Colours [H, W, 3] of a linear picture, on the curve of sRGB without a limit at white.
+
+        A training fits these. None for pictures of 8 bits."""
+
+    @property
     def normals(self) -> NDArray[np.float32] | None:
         """Unit normals [H, W, 3] in the world, 0 where there is none; None without ground truth."""
 

@@ -293,8 +293,9 @@ mod tests {
         let sum_of = |views: &[View]| describe(&settings("3dgs"), String::new(), views).pictures;
         let sum = sum_of(&views());
         assert_eq!(sum, sum_of(&views()));
-        let changes: [fn(&mut View); 6] = [
+        let changes: [fn(&mut View); 7] = [
             |view| view.rgba[17] ^= 1,
+            |view| view.unclipped = Some(vec![[half::f16::ONE; 3]]),
             |view| view.name.push('x'),
             |view| view.camera.focal_px[0] += 1.0,
             |view| view.camera.width += 1,
