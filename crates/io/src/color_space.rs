@@ -30,7 +30,7 @@ const LINEAR_GAMMA: f32 = 1e-3;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum InputSpace {
-    /// What the files say: OpenEXR is linear, in the primaries that it names or those of Rec. 709,
+    /// That of the files: OpenEXR is linear, in the primaries that it names or those of Rec. 709,
     /// and PNG with a gamma of 1; all else is sRGB.
     #[default]
     Auto,

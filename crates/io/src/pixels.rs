@@ -147,8 +147,8 @@ impl Pixels {
         Self::of_bytes(width, height, rgba)
     }
 
-    /// Picture of linear numbers, or of sRGB's, without a limit at white. Pixels that are not finite
-    /// are unknown.
+    /// Picture of linear numbers, or of sRGB's, without a limit at white, up to the largest
+    /// half. Pixels with NaN are unknown.
     fn unclipped(image: DynamicImage, is_linear: bool, is_premultiplied: bool) -> Self {
         let image = image.into_rgba32f();
         let (width, height) = image.dimensions();
@@ -207,9 +207,9 @@ impl Pixels {
         samples.done()
     }
 
-    /// Colour at a position in pixels from the upper left corner, 255 for white and opaque: bilinear
-    /// between the four nearest pixels, weighted by alpha, and `None` outside of the picture or next
-    /// to an unknown pixel.
+    /// Colour at a position in pixels from the upper left corner, 255 for white and opaque:
+    /// bilinear between the four nearest pixels, weighted by alpha, and `None` outside of the
+    /// picture or next to an unknown pixel.
     pub(crate) fn between(&self, [x, y]: [f64; 2]) -> Option<[f32; 4]> {
         let [width, height] = [self.width, self.height].map(f64::from);
         // The comparison is also false for NaN.

@@ -338,6 +338,12 @@ mod tests {
     use super::*;
 
     #[test]
+    fn paths_with_delimiters_have_longer_ones() {
+        let paths = ["a b.light.exr", "a@2x.light.exr", "a@@@.exr"].map(asset);
+        assert_eq!(paths, ["@./a b.light.exr@", "@@@./a@2x.light.exr@@@", r"@@@./a\@@@.exr@@@"]);
+    }
+
+    #[test]
     fn the_light_follows_openexr() {
         let close = |a: [f64; 3], b: [f64; 3]| DVec3::from(a).distance(DVec3::from(b)) < 1e-12;
         for (uv, direction) in

@@ -45,9 +45,9 @@ pub struct Held {
 }
 
 impl PictureStore {
-    /// Store of pictures with these cameras and `pixel_bytes` for each pixel ([`pixel_bytes`]), which
-    /// keeps at most `budget` bytes of pixels, or a single larger picture. `open` decodes a view, on
-    /// one of `decoders` threads.
+    /// Store of pictures with these cameras and [`pixel_bytes`] for each pixel, which keeps at most
+    /// `budget` bytes of pixels, or a single larger picture. `open` decodes a view, on one of
+    /// `decoders` threads.
     ///
     /// # Panics
     ///
