@@ -214,7 +214,8 @@ pub(crate) struct Photographs {
     #[arg(long, value_name = "SPACE", default_value = InputSpace::Auto.name(), value_parser = input_space)]
     #[serde(skip_serializing_if = "is_auto")]
     pub(crate) input_space: InputSpace,
-    /// Up direction, if the one estimated from the cameras is wrong: an axis such as -y, or a vector.
+    /// Up direction, if the one estimated from the cameras is wrong: an axis such as -y, or a
+    /// vector.
     #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
     pub(crate) scene_up: Option<UpDirection>,
     /// Learn an affine colour map of each photograph, into exposure.json.
