@@ -30,6 +30,13 @@ pub const fn texel_index(face: usize, column: usize, row: usize, resolution: usi
     (face * resolution + row) * resolution + column
 }
 
+/// Face, column and row of a texel by its index in a map without apron, the inverse of
+/// [`texel_index`].
+pub const fn texel_of_index(index: usize, resolution: usize) -> (usize, usize, usize) {
+    let area = resolution * resolution;
+    (index / area, index % resolution, index % area / resolution)
+}
+
 /// Index of a texel in a map with apron; column and row run from −1 to the resolution.
 pub const fn padded_index(face: usize, column: isize, row: isize, resolution: usize) -> usize {
     let width = resolution + 2;

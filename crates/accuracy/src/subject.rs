@@ -2,7 +2,7 @@
 
 use specula_core::{
     camera::Camera,
-    cubemap::{FACE_COUNT, texel_index, texel_solid_angle},
+    cubemap::{FACE_COUNT, texel_index, texel_of_index, texel_solid_angle},
     cutoffs::BlendOrder,
     environment::radiance,
     near_field::NearField,
@@ -66,8 +66,7 @@ pub fn halved(light: &Environment<Vec<f32>>) -> Environment<Vec<f32>> {
     let radiance = |texel: usize, c: usize| radiance(light.activation, light.values[3 * texel + c]);
     let mut values = Vec::with_capacity(3 * FACE_COUNT * resolution * resolution);
     for index in 0..FACE_COUNT * resolution * resolution {
-        let (face, row, column) =
-            (index / (resolution * resolution), index / resolution % resolution, index % resolution);
+        let (face, column, row) = texel_of_index(index, resolution);
         let children = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(right, lower)| (2 * column + right, 2 * row + lower));
         let angles = children.map(|(column, row)| texel_solid_angle(column, row, fine) as f32);
         let sum: f32 = angles.iter().sum();

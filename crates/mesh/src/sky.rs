@@ -3,7 +3,7 @@
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 use specula_core::{
-    cubemap::{FACE_COUNT, face_of, texel_direction, texel_index, texel_solid_angle},
+    cubemap::{FACE_COUNT, face_of, texel_direction, texel_index, texel_of_index, texel_solid_angle},
     environment::texels,
     scene::Environment,
 };
@@ -45,7 +45,7 @@ impl Sky {
         }
         let size = self.resolution;
         let texel = |index: usize| {
-            let (face, row, column) = (index / size / size, index / size % size, index % size);
+            let (face, column, row) = texel_of_index(index, size);
             let direction = Vec3::from(texel_direction(face, column, row, size).map(|x| x as f32));
             let sum: Vec3 = lights_from_world.iter().map(|turn| self.radiance(*turn * direction)).sum();
             sum / lights_from_world.len() as f32
@@ -72,7 +72,7 @@ impl Sky {
     pub fn irradiance(&self, normals: &[Vec3]) -> Vec<Vec3> {
         let size = self.resolution;
         let texel = |index: usize| {
-            let (face, row, column) = (index / size / size, index / size % size, index % size);
+            let (face, column, row) = texel_of_index(index, size);
             let direction = texel_direction(face, column, row, size).map(|x| x as f32);
             let share = texel_solid_angle(column, row, size) as f32 / core::f32::consts::PI;
             (Vec3::from(direction), self.texels[index] * share)

@@ -1,11 +1,11 @@
 //! Directions of a light's texels in the encoding of a light's network
 //! ([`specula_core::light_network`]), level by level.
 
-use crate::{Operator, texel_of_index};
+use crate::Operator;
 use core::ops::Range;
 use rayon::prelude::*;
 use specula_core::{
-    cubemap::FACE_COUNT,
+    cubemap::{FACE_COUNT, texel_of_index},
     environment::encoding_of,
     light_network::{ENCODING, attenuations},
     prefilter::{LevelRange, PrefilterScheme},

@@ -19,7 +19,7 @@ pub mod sparse;
 use crate::sparse::{Linear, Sparse};
 use rayon::prelude::*;
 use specula_core::{
-    cubemap::{FACE_COUNT, apron_sources, solid_angles, texel_direction, texel_index},
+    cubemap::{FACE_COUNT, apron_sources, solid_angles, texel_direction, texel_index, texel_of_index},
     double::Double,
     light_view::TexelMap,
     prefilter::{
@@ -157,11 +157,6 @@ fn each_texel(resolution: usize) -> impl Iterator<Item = (usize, usize, usize)> 
     (0..FACE_COUNT).flat_map(move |face| {
         (0..resolution).flat_map(move |row| (0..resolution).map(move |column| (face, column, row)))
     })
-}
-
-fn texel_of_index(index: usize, resolution: usize) -> (usize, usize, usize) {
-    let area = resolution * resolution;
-    (index / area, index % resolution, index % area / resolution)
 }
 
 impl Operator {

@@ -10,7 +10,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use specula_core::{
     camera::Camera,
-    cubemap::{FACE_COUNT, texel_direction, texel_index, texel_solid_angle},
+    cubemap::{FACE_COUNT, texel_direction, texel_index, texel_of_index, texel_solid_angle},
     lamps::{Lamp, LampOf, disc_axes, horizon, seen_share, shadow_ray, shift, spiral_point, toward},
     near_field::T_MISS,
     scene::Environment,
@@ -117,11 +117,9 @@ impl Part {
     /// All large parts.
     fn large() -> impl Iterator<Item = Self> {
         let [size, _] = PARTS;
-        (0..Self::LARGE).map(move |index| Self {
-            face: index / (size * size),
-            column: index % size,
-            row: index / size % size,
-            size,
+        (0..Self::LARGE).map(move |index| {
+            let (face, column, row) = texel_of_index(index, size);
+            Self { face, column, row, size }
         })
     }
 
