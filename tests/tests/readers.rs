@@ -311,6 +311,30 @@ fn make_transforms(folder: &Path) {
     }
 }
 
+/// A photograph of another format among those of a data set.
+fn make_photograph_as(folder: &Path, name: &str) {
+    make_transforms(folder);
+    fs::remove_file(folder.join("a.png")).unwrap();
+    let picture = image::Rgb32FImage::from_raw(8, 8, numbers(12, 192)).unwrap();
+    let picture = image::DynamicImage::from(picture);
+    let is_float = name.ends_with("exr");
+    if is_float { picture } else { picture.into_rgb16().into() }.save(folder.join(name)).unwrap();
+}
+
+/// Cameras of Metashape.
+fn make_metashape(folder: &Path) {
+    make_transforms(folder);
+    fs::remove_file(folder.join("transforms_train.json")).unwrap();
+    let size = "<resolution width=\"8\" height=\"8\"/>";
+    let sensor = format!("<sensor id=\"0\"><calibration>{size}<f>9.5</f><k1>-0.1</k1></calibration></sensor>");
+    let camera = |name: &str| {
+        format!("<camera id=\"0\" label=\"{name}\"><transform>1 0 0 0 0 1 0 0.5 0 0 1 4 0 0 0 1</transform></camera>")
+    };
+    let cameras = format!("<cameras>{}{}</cameras>", camera("a"), camera("b"));
+    let text = format!("<document><chunk><sensors>{sensor}</sensors>{cameras}</chunk></document>");
+    fs::write(folder.join("cameras.xml"), text).unwrap();
+}
+
 /// One list for all views, with a lens.
 fn make_list(folder: &Path) {
     make_transforms(folder);
@@ -460,6 +484,11 @@ const LIGHT_TABLE: Target = Target {
 const TRANSFORMS: Target =
     Target { file: "transforms_train.json", make: make_transforms, read: load_data, ..GAUSSIANS };
 const LIST: Target = Target { file: "transforms.json", make: make_list, ..TRANSFORMS };
+const LINEAR_PHOTOGRAPH: Target =
+    Target { file: "a.exr", make: |folder| make_photograph_as(folder, "a.exr"), memory: EXR.memory, ..TRANSFORMS };
+const TIFF_PHOTOGRAPH: Target =
+    Target { file: "a.tif", make: |folder| make_photograph_as(folder, "a.tif"), ..TRANSFORMS };
+const METASHAPE: Target = Target { file: "cameras.xml", make: make_metashape, read: load_data, ..GAUSSIANS };
 const COLMAP_CAMERAS: Target =
     Target { file: "sparse/0/cameras.bin", make: make_reconstruction, read: load_data, ..GAUSSIANS };
 const COLMAP_IMAGES: Target = Target { file: "sparse/0/images.bin", ..COLMAP_CAMERAS };
@@ -677,6 +706,9 @@ targets! {
     light_tables: LIGHT_TABLE;
     transforms: TRANSFORMS;
     one_list_of_transforms: LIST;
+    linear_photographs: LINEAR_PHOTOGRAPH;
+    photographs_as_tiff: TIFF_PHOTOGRAPH;
+    cameras_of_metashape: METASHAPE;
     colmap_cameras: COLMAP_CAMERAS;
     colmap_images: COLMAP_IMAGES;
     colmap_points: COLMAP_POINTS;

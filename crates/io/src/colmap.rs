@@ -116,7 +116,7 @@ pub(crate) fn list(files: &Files, model: &Model, options: &LoadOptions) -> Resul
     }
     let mut notes = Vec::new();
     note_several(&files.root, model, &mut notes);
-    let folders = Folders { files, images: images_folder(files, &images, options) };
+    let folders = Folders::of(files, images.iter().map(|image| image.name.as_str()), options);
     let written = images.iter().map(|image| image.name.as_str());
     let places = files.placed_all(&folders.images, Path::new(""), written, &mut notes);
     let posed = images.into_iter().zip(places).map(|(image, place)| posed(model, image, place, &mut cameras));
@@ -146,14 +146,6 @@ pub(crate) fn list(files: &Files, model: &Model, options: &LoadOptions) -> Resul
         });
     }
     Ok(listing)
-}
-
-/// Folder of the images: that of the options, or the data set's own where it has no such folder but
-/// pictures beside the reconstruction.
-fn images_folder(files: &Files, images: &[Image], options: &LoadOptions) -> PathBuf {
-    let is_default = options.other_images().is_none() && files.folder(Path::new(&options.images)).is_none();
-    let has_pictures = || images.iter().any(|image| files.picture(Path::new(&image.name)).is_ok());
-    if is_default && has_pictures() { PathBuf::new() } else { PathBuf::from(&options.images) }
 }
 
 /// Other models beside a model.

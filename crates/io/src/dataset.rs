@@ -1,9 +1,10 @@
-//! Data sets: photographs with their cameras, in the layouts of NeRF Synthetic, COLMAP and
-//! nerfstudio.
+//! Data sets: photographs with their cameras, in the layouts of NeRF Synthetic, COLMAP, nerfstudio
+//! and Metashape.
 //!
 //! The content of a folder determines its format: `transforms_train.json`, a scene of NeRF
 //! Synthetic or Shiny Blender; `sparse`, or `cameras` and `images` in COLMAP's formats, a
-//! reconstruction; `transforms.json`, a data set of nerfstudio or instant-ngp. Lens distortion is
+//! reconstruction; `transforms.json`, a data set of nerfstudio or instant-ngp; an XML file of
+//! cameras, a project of Metashape. Lens distortion is
 //! removed ([`crate::lens`]). A picture is rotated by its EXIF orientation only if it fits its
 //! camera after rotation and not before.
 
@@ -16,6 +17,7 @@ use crate::{
     listing::Listing,
     masks,
     materials::MaterialFiles,
+    metashape,
     named::Files,
     nerfstudio, origin,
     points_ply::{self, PointCloud},
@@ -250,6 +252,9 @@ fn list_files(files: &Files, options: &LoadOptions) -> Result<Listing> {
     if folder.join(nerfstudio::LIST).is_file() && !colmap::is_at(folder) {
         return nerfstudio::list(files, options);
     }
+    if let (None, Some(cameras)) = (colmap::find(folder), metashape::find(folder)) {
+        return metashape::list(files, &cameras, options);
+    }
     let none = || colmap::incomplete(folder).unwrap_or_else(|| Error::NoTransforms { path: folder.clone() });
     let model = colmap::find(folder).ok_or_else(none)?;
     colmap::list(files, &model, options)
@@ -265,7 +270,10 @@ fn undistorted_workspace(folder: &Path, options: &LoadOptions) -> Option<PathBuf
 /// Returns whether a folder has the layout of a data set.
 pub fn is_dataset(folder: &Path) -> bool {
     let has_list = [blender::TRAIN, nerfstudio::LIST].iter().any(|name| folder.join(name).is_file());
-    has_list || colmap::find(folder).is_some() || undistorted_workspace(folder, &LoadOptions::default()).is_some()
+    has_list
+        || colmap::find(folder).is_some()
+        || metashape::find(folder).is_some()
+        || undistorted_workspace(folder, &LoadOptions::default()).is_some()
 }
 
 /// Opens all images. The error returned is the first in the list's order, independent of threads.

@@ -114,8 +114,9 @@ pub enum Error {
     /// A folder has no list of cameras.
     #[error(
         "no transforms_train.json in {path:?}, nor COLMAP's sparse/0/cameras.bin and images.bin (or .txt), nor \
-         transforms.json; expected are transforms_train.json and transforms_test.json, as in NeRF Synthetic and Shiny \
-         Blender, or a reconstruction by COLMAP next to a folder images, or nerfstudio's transforms.json"
+         transforms.json, nor Metashape's cameras.xml; expected are transforms_train.json and transforms_test.json, as in \
+         NeRF Synthetic and Shiny Blender, or a reconstruction by COLMAP next to a folder images, or nerfstudio's \
+         transforms.json, or the cameras that Metashape exports as XML"
     )]
     NoTransforms {
         /// The folder.

@@ -71,6 +71,7 @@ mod listing;
 pub mod masks;
 pub mod materials;
 pub mod mesh;
+mod metashape;
 pub mod model_folder;
 mod named;
 mod near_field;

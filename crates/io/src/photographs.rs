@@ -20,7 +20,7 @@ use crate::{
 use core::fmt::Debug;
 use std::{
     collections::{HashMap, HashSet, hash_map::Entry},
-    path::PathBuf,
+    path::{Path, PathBuf},
 };
 
 /// Maximum number of names in a note.
@@ -57,7 +57,16 @@ pub(crate) struct Folders<'a> {
 /// File of an image, and its remaining downscaling factor.
 type Place = core::result::Result<(PathBuf, u32), Absent>;
 
-impl Folders<'_> {
+impl<'a> Folders<'a> {
+    /// Images of the options' folder, or the data set's own where it has no such folder, but
+    /// pictures of these names.
+    pub(crate) fn of<'n>(files: &'a Files, names: impl IntoIterator<Item = &'n str>, options: &LoadOptions) -> Self {
+        let is_default = options.other_images().is_none() && files.folder(Path::new(&options.images)).is_none();
+        let has_pictures = || names.into_iter().any(|name| files.picture(Path::new(name)).is_ok());
+        let images = if is_default && has_pictures() { PathBuf::new() } else { PathBuf::from(&options.images) };
+        Self { files, images }
+    }
+
     /// Folder of the images.
     fn path(&self) -> PathBuf {
         self.files.root.join(&self.images)

@@ -29,6 +29,8 @@ pub(crate) struct Future {
 
 /// RGBA; then sums of five numbers for every fourth pixel if the picture is halved.
 const PHOTOGRAPH: Future = Future { converted: 4, later: 10 };
+/// RGBA in floats, beside the bytes and halves of a linear picture.
+const LINEAR: Future = Future { converted: 16, later: 16 + 10 };
 /// Grey and alpha, then a flag.
 const MASK: Future = Future { converted: 2, later: 3 };
 /// RGBA; then a normal and a flag, and sums of four numbers at another size.
@@ -124,7 +126,7 @@ impl Pixels {
             return Ok(OpenedPixels { pixels: Self::of(image), size, turned: Orientation::NoTransforms });
         }
         let Decoded { mut image, orientation, is_linear, is_premultiplied } =
-            decode_in(Input::file(path), space, PHOTOGRAPH)?;
+            decode_in(Input::file(path), space, |is_linear| if is_linear { LINEAR } else { PHOTOGRAPH })?;
         let size = [image.width(), image.height()];
         let swapped = if swaps_sides(orientation) { [size[1], size[0]] } else { size };
         let turned = match (fits(size), fits(swapped)) {
@@ -425,11 +427,11 @@ struct Decoded {
 
 /// Decodes an image by its content, or else by its extension.
 pub(crate) fn decode(input: Input<'_>, future: Future) -> Result<DynamicImage> {
-    decode_in(input, InputSpace::Auto, future).map(|decoded| decoded.image)
+    decode_in(input, InputSpace::Auto, |_| future).map(|decoded| decoded.image)
 }
 
-/// Decodes an image in a colour space.
-fn decode_in(input: Input<'_>, space: InputSpace, future: Future) -> Result<Decoded> {
+/// Decodes an image in a colour space. `future` is given whether its numbers are linear.
+fn decode_in(input: Input<'_>, space: InputSpace, future: impl FnOnce(bool) -> Future) -> Result<Decoded> {
     let path = input.path();
     let mut reader = ImageReader::new(input.open()?);
     if let Ok(format) = ImageFormat::from_path(path) {
@@ -451,14 +453,14 @@ fn decode_in(input: Input<'_>, space: InputSpace, future: Future) -> Result<Deco
         _ => Box::new(reader.into_decoder().map_err(Error::decoding(path))?),
     };
     limits.max_alloc = Some(PICTURE.of(input.len()?));
-    let taken = ask_for(input, &decoder, format, future)?;
+    says_linear |= format == Some(ImageFormat::Png) && is_linear_png(input)?;
+    let is_linear = space.is_linear(says_linear);
+    let taken = ask_for(input, &decoder, format, future(is_linear))?;
     limits.reserve(taken).map_err(Error::decoding(path))?;
     decoder.set_limits(limits).map_err(Error::decoding(path))?;
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
     let image = DynamicImage::from_decoder(decoder).map_err(Error::decoding(path))?;
     let image = with_pixels(path, image)?;
-    says_linear |= format == Some(ImageFormat::Png) && is_linear_png(input)?;
-    let is_linear = space.is_linear(says_linear);
     let image = if is_linear { to_rec_709(image, space.primaries(primaries)) } else { image };
     Ok(Decoded { image, orientation, is_linear, is_premultiplied: format == Some(ImageFormat::OpenExr) })
 }

@@ -8,8 +8,8 @@ use specula_io::{
     Result,
     cameras::NamedCamera,
     dataset::{
-        self, IMAGES, InputSpace, LightSource, LoadOptions, MaskUse, Report, TEST_EVERY, has_image_ending, is_picture,
-        is_video,
+        self, IMAGES, InputSpace, LightSource, LoadOptions, MaskUse, Report, TEST_EVERY, has_image_ending, is_dataset,
+        is_picture, is_video,
     },
     materials::Materials,
     model_folder::ModelInfo,
@@ -198,11 +198,10 @@ pub enum Misplaced {
 }
 
 /// Camera files of other programs, by name or extension, and how to export supported ones.
-const OTHERS: [(&str, &str, &str); 6] = [
+const OTHERS: [(&str, &str, &str); 5] = [
     ("reconstruction.json", "OpenSfM", "write it for COLMAP with `opensfm export_colmap`"),
-    (".psx", "Metashape", "write it for COLMAP with File > Export > Export Cameras"),
+    (".psx", "Metashape", "write them as XML with File > Export > Export Cameras, beside the folder images"),
     (".rcproj", "RealityScan", "write it for COLMAP with Export > Registration"),
-    ("cameras.xml", "Metashape", "write it for COLMAP with File > Export > Export Cameras"),
     ("bundle.out", "Bundler", "open the pictures with COLMAP and reconstruct them there"),
     ("database.db", "COLMAP", "reconstruct it with `colmap mapper`, which writes sparse/0"),
 ];
@@ -282,5 +281,5 @@ pub fn picture_names(folder: &Path) -> Vec<String> {
 pub fn has_files(folder: &Path) -> bool {
     const FILES: [&str; 5] =
         ["transforms_train.json", "transforms.json", "sparse/0", "sparse/cameras.bin", "sparse/cameras.txt"];
-    FILES.iter().any(|name| folder.join(name).exists())
+    FILES.iter().any(|name| folder.join(name).exists()) || is_dataset(folder)
 }

@@ -7,6 +7,7 @@ mod gltf;
 mod ktx;
 mod light;
 mod lint;
+mod metashape;
 mod model_folder;
 mod names;
 mod origin;
