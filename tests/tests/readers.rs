@@ -487,7 +487,7 @@ const LIST: Target = Target { file: "transforms.json", make: make_list, ..TRANSF
 const LINEAR_PHOTOGRAPH: Target =
     Target { file: "a.exr", make: |folder| make_photograph_as(folder, "a.exr"), memory: EXR.memory, ..TRANSFORMS };
 const TIFF_PHOTOGRAPH: Target =
-    Target { file: "a.tif", make: |folder| make_photograph_as(folder, "a.tif"), ..TRANSFORMS };
+    Target { file: "a.tif", make: |folder| make_photograph_as(folder, "a.tif"), memory: EXR.memory, ..TRANSFORMS };
 const METASHAPE: Target = Target { file: "cameras.xml", make: make_metashape, read: load_data, ..GAUSSIANS };
 const COLMAP_CAMERAS: Target =
     Target { file: "sparse/0/cameras.bin", make: make_reconstruction, read: load_data, ..GAUSSIANS };

@@ -41,10 +41,10 @@ fn document(data: &Dataset, lens: &str, transform: &str) -> String {
         let at = turn().transpose() * (view.camera.position.as_dvec3() - SHIFT) / SCALE;
         let row = |r: usize| format!("{} {} {} {}", local.row(r).x, local.row(r).y, local.row(r).z, at[r]);
         let (name, rows) = (&view.name, [row(0), row(1), row(2)].join(" "));
-        write!(
+        writeln!(
             cameras,
             "<camera id=\"{k}\" sensor_id=\"3\" component_id=\"0\" label=\"{name}.png\">\
-             <transform>{rows} 0 0 0 1</transform></camera>\n"
+             <transform>{rows} 0 0 0 1</transform></camera>"
         )
         .unwrap();
     }
