@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import struct
 import subprocess
 import sys
 import threading
 import time
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +56,28 @@ def test_views_and_cameras(dataset):
         sg.Camera.look_at([0, 0, 0], [0, 0, 1], [0, 0, 1], 1.0, 8, 8)
     with pytest.raises(sg.InvalidInput):
         sg.load_views(dataset, "all")
+
+
+def test_linear_pictures_are_not_clipped(tmp_path):
+    """A PNG of 16 bits that says that it is linear."""
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+    numbers = np.linspace(0, 65535, 8 * 8 * 3).astype(">u2").reshape(8, 24)
+    rows = b"".join(b"\0" + row.tobytes() for row in numbers)
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", 8, 8, 16, 2, 0, 0, 0)) + chunk(b"gAMA", struct.pack(">I", 100000))
+    png = b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    (tmp_path / "a.png").write_bytes(png)
+    pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]]
+    frames = [{"file_path": "a", "transform_matrix": pose}]
+    (tmp_path / "transforms_train.json").write_text(json.dumps({"camera_angle_x": 0.7, "frames": frames}))
+    (view,) = sg.load_views(tmp_path)
+    assert view.unclipped is not None and view.unclipped.shape == (8, 8, 3)
+    linear = numbers.reshape(8, 8, 3) / 65535
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    np.testing.assert_allclose(view.unclipped, encoded, atol=1e-3)
+    np.testing.assert_allclose(view.rgba[..., :3] / 255, encoded, atol=3e-3)
 
 
 def test_no_view_is_both_trained_on_and_held_out(dataset):
