@@ -100,7 +100,7 @@ pub enum White {
     Exact,
     /// Any radiance from white on ([`recorded`]).
     Saturated,
-    /// A number below others ([`unclipped_scale`]).
+    /// A number below brighter ones ([`unclipped_scale`]).
     Unclipped,
 }
 

@@ -349,7 +349,10 @@ fn blur(width: usize, plane: &[f32]) -> Vec<f32> {
 mod tests {
     use super::*;
     use glam::Vec3;
-    use specula_core::{camera::Camera, color::UNKNOWN};
+    use specula_core::{
+        camera::Camera,
+        color::{UNKNOWN, srgb_from_linear},
+    };
 
     #[test]
     fn unknown_pixels_are_not_measured() {
@@ -430,6 +433,25 @@ mod tests {
         let pixel = |k: usize| [0, 1, 2].map(|c| quantize(seen[c * width * height + k]));
         let rgba = (0..width * height).map(pixel).flat_map(|[r, g, b]| [r, g, b, 255]).collect();
         (image, View { name: "one".into(), camera, rgba, unclipped: None, normals: None })
+    }
+
+    #[test]
+    fn radiance_above_white_is_measured_in_linear_pictures() {
+        let (image, view) = photographed(&IDENTITY);
+        assert_eq!(linear_psnr(&image, &view, BACKGROUND), None, "8 bits say nothing of it");
+        let rendered = over_background(&image, BACKGROUND);
+        let size = image.pixel_count();
+        // A tenth brighter than rendered, but for the first pixel, which is unknown.
+        let truth = |k: usize| {
+            let radiance = |c: usize| linear_from_srgb(rendered[c * size + k]) + 0.1;
+            [0, 1, 2].map(|c| half::f16::from_f32(srgb_from_linear(radiance(c))))
+        };
+        let mut view = View { unclipped: Some((0..size).map(truth).collect()), ..view };
+        view.rgba[..4].copy_from_slice(&UNKNOWN);
+        let found = linear_psnr(&image, &view, BACKGROUND).unwrap();
+        assert!((found - 20.0).abs() < 0.02, "{found} dB of an error of 0.1");
+        view.unclipped.as_mut().unwrap()[size - 1] = [half::f16::from_f32(srgb_from_linear(10.0)); 3];
+        assert!(linear_psnr(&image, &view, BACKGROUND).unwrap() < 8.0, "white is no limit");
     }
 
     const BACKGROUND: [f32; 3] = [0.9, 0.5, 0.1];
