@@ -212,7 +212,7 @@ pub(crate) struct Photographs {
     /// Colour space of the pictures: srgb, linear or acescg; auto: what the files say, linear for
     /// OpenEXR.
     #[arg(long, value_name = "SPACE", default_value = InputSpace::Auto.name(), value_parser = input_space)]
-    #[serde(skip_serializing_if = "is_auto")]
+    #[serde(skip_serializing_if = "is_default")]
     pub(crate) input_space: InputSpace,
     /// Up direction, if the one estimated from the cameras is wrong: an axis such as -y, or a
     /// vector.
@@ -224,13 +224,8 @@ pub(crate) struct Photographs {
 }
 
 /// True for the default, which is not written to `config.toml`.
-fn is_auto(space: &InputSpace) -> bool {
-    *space == InputSpace::Auto
-}
-
-/// True for the default, which is not written to `config.toml`.
-fn is_still(follows: &LightFollows) -> bool {
-    *follows == LightFollows::Scene
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 fn as_name<S: Serializer>(follows: &LightFollows, out: S) -> Result<S::Ok, S::Error> {
@@ -379,7 +374,7 @@ pub(crate) struct Start {
     pub(crate) light_reference: Option<LightReference>,
     /// Frame of the light: scene, turntable or camera; see docs/datasets.md.
     #[arg(long, value_name = "WHAT", default_value = LightFollows::Scene.name(), value_parser = light_follows)]
-    #[serde(serialize_with = "as_name", skip_serializing_if = "is_still")]
+    #[serde(serialize_with = "as_name", skip_serializing_if = "is_default")]
     pub(crate) light_follows: LightFollows,
     /// Table of each picture's light and of turns of the object, or folders; see docs/datasets.md.
     #[arg(long, value_name = "FILE|folders", conflicts_with = "light_follows")]

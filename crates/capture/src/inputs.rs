@@ -81,11 +81,7 @@ impl Input {
 /// Whether cameras are estimated from a picture: one of a format that is read, other than OpenEXR,
 /// whose numbers are not those of a display.
 fn is_displayed(path: &Path) -> bool {
-    has_image_ending(path) && !has_ending(path, "exr")
-}
-
-fn has_ending(path: &Path, ending: &str) -> bool {
-    path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending))
+    has_image_ending(path) && !path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("exr"))
 }
 
 fn refuse(path: &Path, what: &str) -> Error {

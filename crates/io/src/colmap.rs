@@ -17,7 +17,8 @@ use crate::{
 };
 use glam::DVec3;
 pub(crate) use record::Track;
-use record::{Camera, Image, Point, refuse};
+pub(crate) use record::refuse;
+use record::{Camera, Image, Point};
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,

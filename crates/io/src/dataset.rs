@@ -299,8 +299,8 @@ pub fn note_changes(changes: &[Changes], notes: &mut Vec<String>) {
     }
     let unclipped = count(|view| view.is_unclipped);
     if unclipped > 0 {
-        let of_all = if unclipped < changes.len() { format!(" of {}", changes.len()) } else { String::new() };
-        notes.push(format!("{unclipped}{of_all} pictures are linear, with radiance above white"));
+        let total = if unclipped < changes.len() { format!(" of {}", changes.len()) } else { String::new() };
+        notes.push(format!("{unclipped}{total} pictures are linear, with radiance above white"));
     }
     let undistorted = count(|view| view.is_undistorted);
     if undistorted > 0 {

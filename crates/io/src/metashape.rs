@@ -8,6 +8,7 @@
 
 use crate::{
     budget::LIST,
+    colmap::refuse,
     error::{Error, Result},
     lens::{Distortion, Lens},
     listing::{Listing, LoadOptions},
@@ -51,7 +52,7 @@ fn is_cameras(path: &Path) -> bool {
 /// Lists a data set with the cameras of a file.
 pub(crate) fn list(files: &Files, path: &Path, options: &LoadOptions) -> Result<Listing> {
     let bytes = LIST.read(path)?;
-    let broken = |what: String| refuse(path, "the text", &format!("is not XML ({what}); export the cameras again"));
+    let broken = |what: String| refuse(path, "the text", format!("is not XML ({what}); export the cameras again"));
     let text = core::str::from_utf8(&bytes).map_err(|error| broken(error.to_string()))?;
     let document = Document::parse(text).map_err(|error| broken(error.to_string()))?;
     let chunks: Vec<Node<'_, '_>> =
@@ -101,7 +102,7 @@ impl<'a, 'input> Cameras<'a, 'input> {
     }
 
     fn posed(&self, label: &str, camera: Node<'a, 'input>, notes: &mut Vec<String>) -> Result<Posed> {
-        let refuse = |what: &str| refuse(self.path, &format!("camera {label:?}"), what);
+        let refuse = |what: &str| refuse(self.path, format!("camera {label:?}"), what);
         let pose = self
             .pose(camera)
             .ok_or_else(|| refuse("has a transform that is no rotation with a position; export the cameras again"))?;
@@ -206,8 +207,4 @@ fn child<'a, 'input>(node: Node<'a, 'input>, name: &str) -> Option<Node<'a, 'inp
 fn numbers<const N: usize>(node: Node<'_, '_>) -> Option<[f64; N]> {
     let numbers = node.text()?.split_ascii_whitespace().map(|word| word.parse().ok());
     numbers.collect::<Option<Vec<f64>>>()?.try_into().ok()
-}
-
-fn refuse(path: &Path, place: &str, what: &str) -> Error {
-    Error::Place { path: path.to_owned(), place: place.to_owned(), what: what.to_owned() }
 }

@@ -90,7 +90,7 @@ pub(super) fn unknown_model(model: &str) -> String {
 }
 
 /// Error at a place of a file.
-pub(super) fn refuse(path: &Path, place: impl Into<String>, what: impl Into<String>) -> Error {
+pub(crate) fn refuse(path: &Path, place: impl Into<String>, what: impl Into<String>) -> Error {
     Error::Place { path: path.to_owned(), place: place.into(), what: what.into() }
 }
 
