@@ -76,7 +76,7 @@ impl Variant {
         let (back, _) = least(RUNS, || exec.prefilter_vjp(&environments[0], &lights[0], &grad).expect("it goes back"));
 
         let texels: usize = self.levels.as_slice().iter().map(|level| 6 * level.resolution * level.resolution).sum();
-        let weights = operator.rows().map_or(0, |rows| rows.forward.weights.len());
+        let weights = operator.product_count().unwrap_or(0);
         let row = |name: &str, errors: [Errors; 2], texel_len: usize| {
             let [shown, full] = errors;
             println!(

@@ -6,7 +6,9 @@
 //! filtered texels (*rows*); lookups read levels with aprons.
 //!
 //! A row is a cut through the pyramid: fine in the core of the lobe, coarse in its tail, and
-//! truncated at 99.5 % of the energy. Gradients use the transposed matrix, built on first use.
+//! truncated at 99.5 % of the energy. Gradients use the transposed matrix, built on first use. Rows
+//! of all faces have the weights of the first ([`symmetry`]), except in the official scheme, whose
+//! texel weights are half a texel off.
 //! Every face of a level has an apron of its neighbours' texels, so a bilinear footprint never
 //! leaves a face and lookups are continuous across edges. Levels are data: specula's, those of the
 //! authors' code, or the mip chain of `specula prefilter`. `specula_oracle::independent::lobe`
@@ -15,8 +17,12 @@
 
 pub mod encoded;
 pub mod sparse;
+pub mod symmetry;
 
-use crate::sparse::{Linear, Sparse};
+use crate::{
+    sparse::{Linear, Sparse},
+    symmetry::SideBySide,
+};
 use rayon::prelude::*;
 use specula_core::{
     cubemap::{FACE_COUNT, apron_sources, solid_angles, texel_direction, texel_index, texel_of_index},
@@ -29,7 +35,10 @@ use specula_core::{
     split_sum::{HalfVector, RESOLUTION, integrate_over},
     vector::{Vec3, vec3},
 };
-use std::sync::{Arc, LazyLock, Mutex, PoisonError};
+use std::{
+    borrow::Cow,
+    sync::{Arc, LazyLock, Mutex, PoisonError},
+};
 
 /// Coarsest resolution of the light's pyramid.
 const COARSEST: usize = 4;
@@ -76,10 +85,21 @@ pub struct Operator {
     official_weights: Vec<f64>,
     /// From each level of the pyramid to the next coarser one.
     reductions: Vec<Linear>,
-    /// From the pyramid to the rows.
+    /// Nodes and rows of all faces, if rows of the first face serve them all.
+    faces: Option<SideBySide>,
+    /// From the pyramid to the rows, of the first face only if those serve all.
     stored: Option<Linear>,
     /// From the pyramid and the rows to levels with aprons.
     aprons: Linear,
+}
+
+/// Map from the pyramid to the rows of an operator.
+#[derive(Clone, Copy, Debug)]
+pub enum Rows<'a> {
+    /// All rows.
+    All(&'a Linear),
+    /// Rows of the first face, level by level, which serve all faces.
+    FirstFace(&'a Linear, &'a SideBySide),
 }
 
 /// Rows of one level of the result.
@@ -203,6 +223,9 @@ impl Operator {
         let level_weights =
             |size: usize| (0..size * size).map(move |k| official_texel_weight(k % size, k / size, size));
         let official_weights = pyramid.iter().flat_map(|(size, _)| level_weights(*size)).collect();
+        let filtered = blocks.iter().filter(|block| !matches!(block.kind, RowKind::Base));
+        let filtered = filtered.map(|block| (block.resolution, block.first_row));
+        let faces = (scheme == PrefilterScheme::Exact).then(|| SideBySide::new(&pyramid, filtered));
         let mut operator = Self {
             scheme,
             resolution,
@@ -213,6 +236,7 @@ impl Operator {
             nodes,
             official_weights,
             reductions: Vec::new(),
+            faces,
             stored: None,
             aprons: Linear::default(),
         };
@@ -273,8 +297,33 @@ impl Operator {
         self.pyramid.windows(2).map(|pair| [pair[0].1, pair[1].1]).zip(&self.reductions)
     }
     /// From the pyramid to the rows; `None` if there are too many weights to keep.
-    pub fn rows(&self) -> Option<&Linear> {
-        self.stored.as_ref()
+    pub fn rows(&self) -> Option<Rows<'_>> {
+        let stored = self.stored.as_ref()?;
+        Some(self.faces.as_ref().map_or(Rows::All(stored), |faces| Rows::FirstFace(stored, faces)))
+    }
+    /// [`Operator::rows`] of all faces; those that are not stored are written out at each call.
+    pub fn all_rows(&self) -> Option<Cow<'_, Linear>> {
+        let (first_face, faces) = match self.rows()? {
+            Rows::All(rows) => return Some(Cow::Borrowed(rows)),
+            Rows::FirstFace(rows, faces) => (&rows.forward, faces),
+        };
+        let mut rows = Sparse { starts: vec![0], ..Sparse::default() };
+        for place in &faces.places_of_rows {
+            let (row, face) = (*place as usize / FACE_COUNT, *place as usize % FACE_COUNT);
+            let taps = first_face.starts[row]..first_face.starts[row + 1];
+            let columns = first_face.columns[taps.clone()].iter();
+            rows.columns.extend(columns.map(|node| faces.node_seen_from(face, *node)));
+            rows.weights.extend(&first_face.weights[taps]);
+            rows.end_row();
+        }
+        Some(Cow::Owned(Linear::new(rows, self.node_count())))
+    }
+    /// Number of products of a weight and a texel; `None` if there are too many weights to keep.
+    pub fn product_count(&self) -> Option<usize> {
+        Some(match self.rows()? {
+            Rows::All(rows) => rows.forward.weights.len(),
+            Rows::FirstFace(rows, _) => FACE_COUNT * rows.forward.weights.len(),
+        })
     }
     /// Drops the stored rows, as if there were too many weights to keep.
     pub fn forget_rows(&mut self) {
@@ -333,7 +382,10 @@ impl Operator {
     pub fn kept_row(&self, row: usize, taps: &mut Vec<(u32, f64)>) {
         taps.clear();
         if self.block_of_row(row).is_kept {
-            self.row(row, taps);
+            let Some(faces) = &self.faces else { return self.row(row, taps) };
+            let (first, face) = faces.row_of_first_face(row);
+            self.row(first, taps);
+            taps.iter_mut().for_each(|(node, _)| *node = faces.node_seen_from(face, *node));
         }
     }
 
@@ -417,13 +469,16 @@ impl Operator {
         Cone { axis, resolution, least_cosine, weights }
     }
 
-    /// Weights by row, unless there are too many. The decision must not depend on the kept levels,
-    /// because the sums are rounded in another order.
+    /// Weights by row, unless there are too many for all faces. The decision must not depend on the
+    /// kept levels, because the sums are rounded in another order.
     fn store(&self) -> Option<Linear> {
-        const ROWS_AT_ONCE: usize = 512;
-        let rows: Vec<usize> = (0..self.row_count()).collect();
+        const ROWS_AT_ONCE: usize = 128;
+        let rows: Vec<usize> = match &self.faces {
+            Some(faces) => faces.rows_of_first_face().collect(),
+            None => (0..self.row_count()).collect(),
+        };
         let sample: usize = rows.iter().step_by(97).take(512).map(|row| self.tap_count(*row)).sum();
-        if sample / rows.len().div_ceil(97).clamp(1, 512) * rows.len() > STORED_WEIGHTS_MAX {
+        if sample / rows.len().div_ceil(97).clamp(1, 512) * self.row_count() > STORED_WEIGHTS_MAX {
             return None;
         }
         let parts: Vec<Sparse> = rows.par_chunks(ROWS_AT_ONCE).map(|rows| self.sparse_rows(rows)).collect();
@@ -519,10 +574,29 @@ mod tests {
     }
 
     #[test]
+    fn rows_of_all_faces_are_those_of_their_directions() {
+        /// Relative rounding of a weight: the same products are added in another order.
+        const ROUNDING: f64 = 1e-11;
+        let operator = Operator::new(PrefilterScheme::Exact, 16, LevelRange::ALL);
+        let (mut own, mut kept) = (Vec::new(), Vec::new());
+        for row in (0..operator.row_count()).step_by(37) {
+            operator.row(row, &mut own);
+            operator.kept_row(row, &mut kept);
+            [&mut own, &mut kept].map(|taps| taps.sort_unstable_by_key(|(node, _)| *node));
+            assert_eq!(own.len(), kept.len(), "row {row}");
+            for ((node, expected), (found_node, found)) in own.iter().zip(&kept) {
+                assert_eq!(node, found_node, "row {row}");
+                let off = (expected - found).abs();
+                assert!(off <= ROUNDING * expected, "row {row}, node {node}: {found}, not {expected}");
+            }
+        }
+    }
+
+    #[test]
     fn pieces_are_the_rows_that_are_kept() {
         for (scheme, resolution) in [(PrefilterScheme::Exact, 32), (PrefilterScheme::Official, 64)] {
             let operator = Operator::new(scheme, resolution, LevelRange::ALL);
-            let rows = &operator.rows().expect("there are few").forward;
+            let rows = operator.all_rows().expect("there are few").forward.clone();
             let pieces: Vec<(usize, Sparse)> = operator.pieces(10_000).collect();
             assert!(pieces.len() > 2, "{scheme:?} has several pieces");
             let firsts = pieces.iter().scan(0, |next, (_, piece)| {

@@ -4,7 +4,7 @@ use core::ops::Range;
 use std::sync::OnceLock;
 
 /// A linear map and its transpose.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Linear {
     /// The map itself.
     pub forward: Sparse,
@@ -14,7 +14,7 @@ pub struct Linear {
 }
 
 /// A sparse matrix by rows.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Sparse {
     /// Start of each row among the weights, and one past the last.
     pub starts: Vec<usize>,

@@ -6,7 +6,7 @@ use super::{
     light_network::{evaluate_all, evaluate_all_vjp},
 };
 use crate::{buffer::Buffer, context::Context};
-use fearless_simd::{Level as SimdLevel, Simd, dispatch, f32x4, prelude::*};
+use fearless_simd::{Level as SimdLevel, Simd, dispatch, f32x4, f32x8, prelude::*};
 use rayon::prelude::*;
 use specula_core::{
     cubemap::{FACE_COUNT, padded_index},
@@ -17,7 +17,7 @@ use specula_core::{
     prefilter::Level,
     scene::{Environment, RadianceActivation},
 };
-use specula_prefilter::{Operator, encoded::EncodedTexels, sparse::Sparse};
+use specula_prefilter::{Operator, Rows, encoded::EncodedTexels, sparse::Sparse};
 use std::sync::Arc;
 
 pub use crate::texel::Texel;
@@ -98,9 +98,9 @@ impl Light {
     pub fn texel_count(&self) -> usize {
         self.texels.len()
     }
-    /// Number of its filter weights; zero if there were too many to store.
+    /// Number of products of a weight and a texel; zero if there were too many weights to store.
     pub fn weight_count(&self) -> usize {
-        self.operator.rows().map_or(0, |rows| rows.forward.weights.len())
+        self.operator.product_count().unwrap_or(0)
     }
     /// Rounds every texel to a storage format, like other executors.
     pub fn round(&mut self, storage: Storage) {
@@ -117,10 +117,9 @@ impl Light {
     /// Filters an environment with an operator for its resolution.
     pub(crate) fn new(context: &Context, operator: Arc<Operator>, environment: &Environment<Vec<f32>>) -> Self {
         let mut nodes = context.take::<Texel>(operator.node_count() + operator.row_count());
-        for (node, rgb) in nodes.iter_mut().zip(environment.values.chunks_exact(3)) {
-            *node = activate(environment.activation, rgb);
-        }
-        filter(context.level, &operator, &mut nodes);
+        let values = environment.values.par_chunks_exact(3).with_min_len(TEXELS_AT_ONCE);
+        nodes.par_iter_mut().zip(values).for_each(|(node, rgb)| *node = activate(environment.activation, rgb));
+        filter(context, &operator, &mut nodes);
         let mut texels = context.take::<Texel>(operator.padded_count());
         apply(context.level, &operator.aprons().forward, &nodes, &mut texels, false);
         Self { operator, texels, nodes, encoded: None, near_field: None, lamps: None }
@@ -142,12 +141,13 @@ impl Light {
         if let Some(encoded) = &self.encoded {
             return evaluate_all_vjp(context, encoded, &environment.values, &self.nodes, &nodes);
         }
-        filter_vjp(context.level, &self.operator, &mut nodes);
+        filter_vjp(context, &self.operator, &mut nodes);
         let resolution = self.operator.base_resolution();
         let mut out = context.take::<f32>(3 * FACE_COUNT * resolution * resolution);
-        for ((out, grad), radiance) in out.chunks_exact_mut(3).zip(nodes.iter()).zip(self.nodes.iter()) {
+        let texels = out.par_chunks_exact_mut(3).with_min_len(TEXELS_AT_ONCE);
+        texels.zip(nodes.par_iter()).zip(self.nodes.par_iter()).for_each(|((out, grad), radiance)| {
             out.copy_from_slice(&activate_vjp(activation, grad, radiance));
-        }
+        });
         out.into_vec()
     }
 }
@@ -161,15 +161,21 @@ fn activate_vjp(activation: RadianceActivation, grad: &Texel, radiance: &Texel) 
 }
 
 /// Computes the pyramid and the following rows from the radiance of the base at the front.
-fn filter(level: SimdLevel, operator: &Operator, nodes: &mut [Texel]) {
+fn filter(context: &Context, operator: &Operator, nodes: &mut [Texel]) {
     let (nodes, rows) = nodes.split_at_mut(operator.node_count());
     for ([fine, coarse], reduction) in operator.reductions() {
         let (below, above) = nodes.split_at_mut(coarse);
         let count = reduction.forward.row_count();
-        apply(level, &reduction.forward, &below[fine..], &mut above[..count], false);
+        apply(context.level, &reduction.forward, &below[fine..], &mut above[..count], false);
     }
     match operator.rows() {
-        Some(stored) => apply(level, &stored.forward, nodes, rows, false),
+        Some(Rows::All(stored)) => apply(context.level, &stored.forward, nodes, rows, false),
+        Some(Rows::FirstFace(stored, faces)) => {
+            let seen = gathered(context, &faces.nodes, nodes);
+            let mut filtered = context.take::<Texel>(faces.rows.len());
+            apply_to_faces(context.level, &stored.forward, &seen, &mut filtered);
+            gather(&faces.places_of_rows, &filtered, rows);
+        }
         None => rows.par_iter_mut().enumerate().for_each_init(Vec::new, |taps, (row, sum)| {
             operator.kept_row(row, taps);
             *sum = [0.0; 4];
@@ -179,22 +185,119 @@ fn filter(level: SimdLevel, operator: &Operator, nodes: &mut [Texel]) {
 }
 
 /// Computes the gradient of the base, at the front, from those of pyramid and rows.
-fn filter_vjp(level: SimdLevel, operator: &Operator, nodes: &mut [Texel]) {
+fn filter_vjp(context: &Context, operator: &Operator, nodes: &mut [Texel]) {
     let (nodes, rows) = nodes.split_at_mut(operator.node_count());
-    if let Some(stored) = operator.rows() {
-        apply(level, stored.transposed(), rows, nodes, true);
-    } else {
-        let mut taps = Vec::new();
-        for (row, grad) in rows.iter().enumerate() {
-            operator.kept_row(row, &mut taps);
-            taps.iter().for_each(|(node, weight)| add_scaled(&mut nodes[*node as usize], *weight as f32, grad));
+    match operator.rows() {
+        Some(Rows::All(stored)) => apply(context.level, stored.transposed(), rows, nodes, true),
+        Some(Rows::FirstFace(stored, faces)) => {
+            let grads = gathered(context, &faces.rows, rows);
+            let mut seen = context.take::<Texel>(faces.nodes.len());
+            apply_to_faces(context.level, stored.transposed(), &grads, &mut seen);
+            let places = faces.places_of_nodes.par_chunks_exact(FACE_COUNT).with_min_len(TEXELS_AT_ONCE);
+            nodes.par_iter_mut().zip(places).for_each(|(node, places)| {
+                places.iter().for_each(|place| add_scaled(node, 1.0, &seen[*place as usize]));
+            });
+        }
+        None => {
+            let mut taps = Vec::new();
+            for (row, grad) in rows.iter().enumerate() {
+                operator.kept_row(row, &mut taps);
+                taps.iter().for_each(|(node, weight)| add_scaled(&mut nodes[*node as usize], *weight as f32, grad));
+            }
         }
     }
     for ([fine, coarse], reduction) in operator.reductions().rev() {
         let (below, above) = nodes.split_at_mut(coarse);
         let count = reduction.forward.row_count();
-        apply(level, reduction.transposed(), &above[..count], &mut below[fine..], true);
+        apply(context.level, reduction.transposed(), &above[..count], &mut below[fine..], true);
     }
+}
+
+/// Texels of a task that only copies them.
+const TEXELS_AT_ONCE: usize = 1024;
+
+/// The texels of these indices.
+fn gathered(context: &Context, indices: &[u32], texels: &[Texel]) -> Buffer<Texel> {
+    let mut found = context.take::<Texel>(indices.len());
+    gather(indices, texels, &mut found);
+    found
+}
+
+/// Copies the texels of these indices.
+fn gather(indices: &[u32], texels: &[Texel], out: &mut [Texel]) {
+    out.par_iter_mut().with_min_len(TEXELS_AT_ONCE).zip(indices).for_each(|(out, index)| {
+        *out = texels[*index as usize];
+    });
+}
+
+/// Matrix times the texels of all faces side by side: each weight serves six products.
+fn apply_to_faces(level: SimdLevel, matrix: &Sparse, source: &[Texel], out: &mut [Texel]) {
+    const ROWS_AT_ONCE: usize = 64;
+    let (source, _) = source.as_chunks::<FACE_COUNT>();
+    let (out, _) = out.as_chunks_mut::<FACE_COUNT>();
+    out.par_chunks_mut(ROWS_AT_ONCE).enumerate().for_each(|(chunk, out)| {
+        dispatch!(level, simd => apply_rows_to_faces(simd, matrix, chunk * ROWS_AT_ONCE, source, out));
+    });
+}
+
+#[inline(always)]
+fn apply_rows_to_faces<S: Simd>(
+    simd: S,
+    matrix: &Sparse,
+    first: usize,
+    source: &[[Texel; FACE_COUNT]],
+    out: &mut [[Texel; FACE_COUNT]],
+) {
+    for (row, out) in (first..).zip(out) {
+        let taps = matrix.starts[row]..matrix.starts[row + 1];
+        sums_of_faces(simd, &matrix.columns[taps.clone()], &matrix.weights[taps], source, out);
+    }
+}
+
+/// Numbers of the texels of all faces side by side, as vectors.
+const LANES: usize = 8;
+const VECTORS: usize = FACE_COUNT * size_of::<Texel>() / size_of::<f32>() / LANES;
+
+/// Σ weight · source\[column\] of all faces, four sums side by side that are added at the end.
+#[inline(always)]
+fn sums_of_faces<S: Simd>(
+    simd: S,
+    columns: &[u32],
+    weights: &[f32],
+    source: &[[Texel; FACE_COUNT]],
+    out: &mut [Texel; FACE_COUNT],
+) {
+    let mut sums = [[f32x8::splat(simd, 0.0); VECTORS]; 4];
+    let (columns, columns_rest) = columns.as_chunks::<4>();
+    let (weights, weights_rest) = weights.as_chunks::<4>();
+    for (columns, weights) in columns.iter().zip(weights) {
+        for k in 0..4 {
+            sums[k] = add_to_faces(simd, sums[k], weights[k], &source[columns[k] as usize]);
+        }
+    }
+    for (column, weight) in columns_rest.iter().zip(weights_rest) {
+        sums[0] = add_to_faces(simd, sums[0], *weight, &source[*column as usize]);
+    }
+    let (out, _) = out.as_flattened_mut().as_chunks_mut::<LANES>();
+    for (vector, out) in out.iter_mut().enumerate() {
+        *out = ((sums[0][vector] + sums[1][vector]) + (sums[2][vector] + sums[3][vector])).into();
+    }
+}
+
+/// Adds the texels of all faces times a weight.
+#[inline(always)]
+fn add_to_faces<S: Simd>(
+    simd: S,
+    mut sum: [f32x8<S>; VECTORS],
+    weight: f32,
+    texels: &[Texel; FACE_COUNT],
+) -> [f32x8<S>; VECTORS] {
+    let weight = f32x8::splat(simd, weight);
+    let (texels, _) = texels.as_flattened().as_chunks::<LANES>();
+    for (sum, texels) in sum.iter_mut().zip(texels) {
+        *sum = f32x8::simd_from(simd, *texels).mul_add(weight, *sum);
+    }
+    sum
 }
 
 #[inline(always)]

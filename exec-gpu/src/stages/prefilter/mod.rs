@@ -132,7 +132,7 @@ impl Matrices {
             operator.reductions().map(|(_, reduction)| Matrix::new(context, of(reduction))).collect();
         Ok(Self {
             reductions: reductions?,
-            rows: operator.rows().map(|rows| Matrix::new(context, of(rows))).transpose()?,
+            rows: operator.all_rows().map(|rows| Matrix::new(context, of(&rows))).transpose()?,
             aprons: Matrix::new(context, of(operator.aprons()))?,
         })
     }
