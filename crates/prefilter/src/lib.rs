@@ -582,7 +582,7 @@ mod tests {
         for row in (0..operator.row_count()).step_by(37) {
             operator.row(row, &mut own);
             operator.kept_row(row, &mut kept);
-            [&mut own, &mut kept].map(|taps| taps.sort_unstable_by_key(|(node, _)| *node));
+            [&mut own, &mut kept].into_iter().for_each(|taps| taps.sort_unstable_by_key(|(node, _)| *node));
             assert_eq!(own.len(), kept.len(), "row {row}");
             for ((node, expected), (found_node, found)) in own.iter().zip(&kept) {
                 assert_eq!(node, found_node, "row {row}");
