@@ -1,7 +1,10 @@
 //! Inputs of a capture: videos, and pictures in folders.
 
 use crate::error::{Error, Result};
-use specula_io::dataset::{has_image_ending, is_picture, is_video};
+use specula_io::{
+    RAW_ENDINGS,
+    dataset::{has_image_ending, is_picture, is_video},
+};
 use std::path::{Path, PathBuf};
 use walkdir::WalkDir;
 
@@ -98,11 +101,11 @@ fn unread_remedy(first: &Path, count: usize) -> String {
         }
         _ => format!("magick mogrify -format jpg -quality 95 {folder}/*.{ending}"),
     };
-    let then = match ending.to_lowercase().as_str() {
-        "exr" | "dng" | "cr2" | "cr3" | "nef" | "arw" | "raf" | "orf" | "rw2" => {
-            "; to train on their linear light afterwards, see \"Linear pictures\" in docs/photographs.md"
-        }
-        _ => "",
+    let mut linear = RAW_ENDINGS.iter().chain(&["exr"]);
+    let then = if linear.any(|known| ending.eq_ignore_ascii_case(known)) {
+        "; to train on their linear light afterwards, see \"Linear pictures\" in docs/photographs.md"
+    } else {
+        ""
     };
     format!(
         "{count} pictures such as {first:?} are in .{ending}, from which no cameras are estimated; convert them to JPEG: \

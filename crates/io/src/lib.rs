@@ -97,7 +97,7 @@ pub mod within;
 
 pub use error::{Error, Result};
 pub use input::Input;
-pub use shot::IMAGE_ENDINGS;
+pub use shot::{IMAGE_ENDINGS, RAW_ENDINGS};
 
 /// The example of the README.
 #[cfg(doctest)]

@@ -15,6 +15,7 @@ use crate::{
     named::Files,
     photographs::{self, Folders, HeldOut, Posed, some_of},
     shot::{PictureLight, Pose},
+    transforms::orthogonal,
 };
 use glam::{DMat3, DVec3};
 use roxmltree::{Document, Node};
@@ -26,8 +27,6 @@ use std::{
 
 /// Length of the start of a file that tells Metashape's from other XML.
 const START: u64 = 512;
-/// Largest difference of a rotation from an orthogonal matrix.
-const ORTHOGONAL: f64 = 1e-3;
 /// Skew in pixels that is ignored without a word.
 const SKEW: f64 = 1.0;
 
@@ -122,12 +121,10 @@ impl<'a, 'input> Cameras<'a, 'input> {
         let row = |k: usize| DVec3::new(rows[4 * k], rows[4 * k + 1], rows[4 * k + 2]);
         let local_from_camera = DMat3::from_cols(row(0), row(1), row(2)).transpose();
         let (turn, scale, shift) = self.world(camera)?;
-        let world_from_camera = turn * local_from_camera;
-        let is_rotation = (world_from_camera.transpose() * world_from_camera).abs_diff_eq(DMat3::IDENTITY, ORTHOGONAL)
-            && world_from_camera.determinant() > 0.0;
+        let (world_from_camera, _) = orthogonal(turn * local_from_camera)?;
         let position = scale * (turn * DVec3::new(rows[3], rows[7], rows[11])) + shift;
         let pose = Pose { camera_from_world: world_from_camera.transpose(), position };
-        (is_rotation && position.is_finite()).then_some(pose)
+        (world_from_camera.determinant() > 0.0 && position.is_finite()).then_some(pose)
     }
 
     /// Rotation, scale and shift from the component of a camera, or else the chunk, to the world.

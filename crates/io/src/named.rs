@@ -5,7 +5,7 @@
 //! data set does not have are dropped. If several files match, none is chosen.
 
 use crate::{
-    shot::{IMAGE_ENDINGS, find_image, has_image_ending},
+    shot::{IMAGE_ENDINGS, RAW_ENDINGS, find_image, has_image_ending},
     within,
 };
 use std::{
@@ -19,11 +19,10 @@ use walkdir::{DirEntry, WalkDir};
 /// Maximum number and depth of files that are searched.
 const FILES_MAX: usize = 1 << 20;
 const DEPTH_MAX: usize = 8;
-/// Extensions of unsupported pictures and videos, which are not reported as missing.
-const UNREAD_ENDINGS: [&str; 21] = [
-    "heic", "heif", "avif", "jxl", "jp2", "jfif", "bmp", "gif", "hdr", "dng", "cr2", "cr3", "nef", "arw", "raf", "orf",
-    "rw2", "mp4", "mov", "mkv", "avi",
-];
+/// Extensions of unsupported pictures and videos, beside [`RAW_ENDINGS`], which are not reported as
+/// missing.
+const UNREAD_ENDINGS: [&str; 13] =
+    ["heic", "heif", "avif", "jxl", "jp2", "jfif", "bmp", "gif", "hdr", "mp4", "mov", "mkv", "avi"];
 
 /// Reason why a picture has no file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -99,7 +98,7 @@ impl Files {
         if let Some(path) = only(read()).or_else(|| only(read().filter(|path| key_of(path) == key))) {
             return Ok(self.root.join(path));
         }
-        Err(match (read().next(), paths().find(|path| has_ending(path, &UNREAD_ENDINGS))) {
+        Err(match (read().next(), paths().find(|path| is_unread(path))) {
             (Some(_), _) => Absent::Ambiguous,
             (None, Some(path)) => Absent::Unread(path.to_owned()),
             (None, None) => Absent::Missing,
@@ -240,7 +239,7 @@ pub(crate) fn stem_of(key: &str) -> &str {
     let mut stem = key;
     while let Some((rest, ending)) = stem.rsplit_once('.')
         && !rest.is_empty()
-        && (IMAGE_ENDINGS.contains(&ending) || UNREAD_ENDINGS.contains(&ending))
+        && [&IMAGE_ENDINGS[..], &UNREAD_ENDINGS, &RAW_ENDINGS].iter().any(|known| known.contains(&ending))
     {
         stem = rest;
     }
@@ -251,9 +250,14 @@ fn has_ending(path: &Path, endings: &[&str]) -> bool {
     path.extension().is_some_and(|ending| endings.iter().any(|known| ending.eq_ignore_ascii_case(known)))
 }
 
+/// Whether a file is an unsupported picture, or a video, by its name.
+fn is_unread(path: &Path) -> bool {
+    has_ending(path, &UNREAD_ENDINGS) || has_ending(path, &RAW_ENDINGS)
+}
+
 /// Whether a file is a picture, or a video, by its name.
 pub fn is_picture(path: &Path) -> bool {
-    has_image_ending(path) || has_ending(path, &UNREAD_ENDINGS)
+    has_image_ending(path) || is_unread(path)
 }
 
 /// Unsupported picture format of a file, by its first bytes.

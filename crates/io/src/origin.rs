@@ -81,12 +81,16 @@ pub fn comment(origin: [f64; 3]) -> Option<String> {
 
 /// Origin that the comments of a PLY file name, else zero.
 pub fn of_comments(comments: &[String]) -> [f64; 3] {
-    let numbers = |comment: &String| -> Option<[f64; 3]> {
-        let words = comment.strip_prefix(COMMENT)?.split_ascii_whitespace();
+    vectors_in(comments, COMMENT).find(is_usable).unwrap_or_default()
+}
+
+/// Vectors of three numbers that follow a prefix in the comments of a PLY file.
+pub fn vectors_in(comments: &[String], prefix: &str) -> impl Iterator<Item = [f64; 3]> {
+    comments.iter().filter_map(move |comment| {
+        let words = comment.strip_prefix(prefix)?.split_ascii_whitespace();
         let numbers: Vec<f64> = words.map_while(|word| word.parse().ok()).collect();
-        numbers.try_into().ok().filter(is_usable)
-    };
-    comments.iter().find_map(numbers).unwrap_or_default()
+        numbers.try_into().ok()
+    })
 }
 
 #[cfg(test)]

@@ -19,6 +19,8 @@ use std::path::{Path, PathBuf};
 
 /// Extensions of images, tried if the named file does not exist or has no extension.
 pub const IMAGE_ENDINGS: [&str; 7] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "exr"];
+/// Extensions of raw photographs, which are not read.
+pub const RAW_ENDINGS: [&str; 8] = ["dng", "cr2", "cr3", "nef", "arw", "raf", "orf", "rw2"];
 
 /// A photograph with its camera.
 #[derive(Clone, Debug, PartialEq)]

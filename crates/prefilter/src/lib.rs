@@ -21,7 +21,7 @@ pub mod symmetry;
 
 use crate::{
     sparse::{Linear, Sparse},
-    symmetry::SideBySide,
+    symmetry::{SideBySide, node_seen_from},
 };
 use rayon::prelude::*;
 use specula_core::{
@@ -85,10 +85,10 @@ pub struct Operator {
     official_weights: Vec<f64>,
     /// From each level of the pyramid to the next coarser one.
     reductions: Vec<Linear>,
-    /// Nodes and rows of all faces, if rows of the first face serve them all.
-    faces: Option<SideBySide>,
     /// From the pyramid to the rows, of the first face only if those serve all.
     stored: Option<Linear>,
+    /// Nodes and rows of all faces, if the stored rows serve them all.
+    faces: Option<SideBySide>,
     /// From the pyramid and the rows to levels with aprons.
     aprons: Linear,
 }
@@ -223,9 +223,6 @@ impl Operator {
         let level_weights =
             |size: usize| (0..size * size).map(move |k| official_texel_weight(k % size, k / size, size));
         let official_weights = pyramid.iter().flat_map(|(size, _)| level_weights(*size)).collect();
-        let filtered = blocks.iter().filter(|block| !matches!(block.kind, RowKind::Base));
-        let filtered = filtered.map(|block| (block.resolution, block.first_row));
-        let faces = (scheme == PrefilterScheme::Exact).then(|| SideBySide::new(&pyramid, filtered));
         let mut operator = Self {
             scheme,
             resolution,
@@ -236,11 +233,15 @@ impl Operator {
             nodes,
             official_weights,
             reductions: Vec::new(),
-            faces,
             stored: None,
+            faces: None,
             aprons: Linear::default(),
         };
         operator.stored = operator.store();
+        if operator.stored.is_some() && operator.is_symmetric() {
+            let levels = operator.filtered_blocks().map(|block| (block.resolution, block.first_row));
+            operator.faces = Some(SideBySide::new(&operator.pyramid, levels));
+        }
         operator.reductions =
             operator.pyramid.windows(2).map(|pair| operator.reduction(pair[0].0, pair[1].0)).collect();
         operator.aprons = operator.make_aprons();
@@ -312,7 +313,7 @@ impl Operator {
             let (row, face) = (*place as usize / FACE_COUNT, *place as usize % FACE_COUNT);
             let taps = first_face.starts[row]..first_face.starts[row + 1];
             let columns = first_face.columns[taps.clone()].iter();
-            rows.columns.extend(columns.map(|node| faces.node_seen_from(face, *node)));
+            rows.columns.extend(columns.map(|node| faces.nodes[FACE_COUNT * *node as usize + face]));
             rows.weights.extend(&first_face.weights[taps]);
             rows.end_row();
         }
@@ -382,11 +383,29 @@ impl Operator {
     pub fn kept_row(&self, row: usize, taps: &mut Vec<(u32, f64)>) {
         taps.clear();
         if self.block_of_row(row).is_kept {
-            let Some(faces) = &self.faces else { return self.row(row, taps) };
-            let (first, face) = faces.row_of_first_face(row);
+            if !self.is_symmetric() {
+                return self.row(row, taps);
+            }
+            let (first, face) = self.row_of_first_face(row);
             self.row(first, taps);
-            taps.iter_mut().for_each(|(node, _)| *node = faces.node_seen_from(face, *node));
+            taps.iter_mut().for_each(|(node, _)| *node = node_seen_from(face, *node, &self.pyramid));
         }
+    }
+
+    /// Whether rows of the first face serve all faces.
+    fn is_symmetric(&self) -> bool {
+        self.scheme == PrefilterScheme::Exact
+    }
+
+    fn filtered_blocks(&self) -> impl Iterator<Item = &RowBlock> {
+        self.blocks.iter().filter(|block| !matches!(block.kind, RowKind::Base))
+    }
+
+    /// Row of the first face with the weights of a row, and the face of that row.
+    fn row_of_first_face(&self, row: usize) -> (usize, usize) {
+        let RowBlock { first_row, resolution, .. } = *self.block_of_row(row);
+        let (area, place) = (resolution * resolution, row - first_row);
+        (first_row + place % area, place / area)
     }
 
     /// Weights of one row into `taps`, normalised unless they are the official irradiance's.
@@ -473,9 +492,11 @@ impl Operator {
     /// kept levels, because the sums are rounded in another order.
     fn store(&self) -> Option<Linear> {
         const ROWS_AT_ONCE: usize = 128;
-        let rows: Vec<usize> = match &self.faces {
-            Some(faces) => faces.rows_of_first_face().collect(),
-            None => (0..self.row_count()).collect(),
+        let of_first_face = |block: &RowBlock| block.first_row..block.first_row + block.resolution.pow(2);
+        let rows: Vec<usize> = if self.is_symmetric() {
+            self.filtered_blocks().flat_map(of_first_face).collect()
+        } else {
+            (0..self.row_count()).collect()
         };
         let sample: usize = rows.iter().step_by(97).take(512).map(|row| self.tap_count(*row)).sum();
         if sample / rows.len().div_ceil(97).clamp(1, 512) * self.row_count() > STORED_WEIGHTS_MAX {

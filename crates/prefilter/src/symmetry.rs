@@ -1,8 +1,7 @@
 //! Symmetry of the cube: each face sees the light as the first one does, after a rotation of the
 //! cube or a mirror image. So only rows of the first face are stored, and a weight serves six rows.
 
-use crate::each_texel;
-use specula_core::cubemap::{FACE_COUNT, direction, face_of, texel_index};
+use specula_core::cubemap::{FACE_COUNT, direction, face_of, texel_index, texel_of_index};
 
 /// Nodes and rows side by side: for each node of the pyramid the six that lie to the faces as it
 /// lies to the first, and for each row of the first face the rows of all faces. Element 6 k + f of
@@ -23,13 +22,10 @@ impl SideBySide {
     /// Lists for pyramid levels of a resolution and a first node, and rows of levels of a
     /// resolution and a first row.
     pub(crate) fn new(pyramid: &[(usize, usize)], levels: impl Iterator<Item = (usize, usize)>) -> Self {
-        let mut nodes = Vec::new();
-        for &(resolution, first) in pyramid {
-            for (face, column, row) in each_texel(resolution) {
-                let seen = |from: usize| first + seen_from(from, face, [column, row], resolution);
-                nodes.extend((0..FACE_COUNT).map(|from| seen(from) as u32));
-            }
-        }
+        let (last, first) = pyramid[pyramid.len() - 1];
+        let count = (first + FACE_COUNT * last * last) as u32;
+        let faces = |node: u32| (0..FACE_COUNT).map(move |face| node_seen_from(face, node, pyramid));
+        let nodes: Vec<u32> = (0..count).flat_map(faces).collect();
         let mut rows = Vec::new();
         for (resolution, first) in levels {
             let area = resolution * resolution;
@@ -47,30 +43,18 @@ impl SideBySide {
         }
         Self { nodes, places_of_nodes, rows, places_of_rows }
     }
-
-    /// Rows of the first face, in their order.
-    pub(crate) fn rows_of_first_face(&self) -> impl Iterator<Item = usize> + '_ {
-        self.rows.iter().step_by(FACE_COUNT).map(|row| *row as usize)
-    }
-
-    /// Row of the first face with the weights of a row, and the face of that row.
-    pub(crate) fn row_of_first_face(&self, row: usize) -> (usize, usize) {
-        let place = self.places_of_rows[row] as usize;
-        (self.rows[place - place % FACE_COUNT] as usize, place % FACE_COUNT)
-    }
-
-    /// Node that lies to a face as this one lies to the first.
-    pub(crate) fn node_seen_from(&self, face: usize, node: u32) -> u32 {
-        self.nodes[FACE_COUNT * node as usize + face]
-    }
 }
 
-/// Index of the texel that lies to face `from` as a texel lies to the first face.
-fn seen_from(from: usize, face: usize, [column, row]: [usize; 2], resolution: usize) -> usize {
+/// Node of a pyramid that lies to a face as a node lies to the first. Levels have a resolution and
+/// a first node.
+pub(crate) fn node_seen_from(face: usize, node: u32, pyramid: &[(usize, usize)]) -> u32 {
+    let level = pyramid.partition_point(|(_, first)| *first <= node as usize) - 1;
+    let (resolution, first) = pyramid[level];
+    let (of, column, row) = texel_of_index(node as usize - first, resolution);
     let centre = |k: usize| (2 * k + 1) as f64 / resolution as f64 - 1.0;
-    let (face, u, v) = face_of(turned(from, direction(face, centre(column), centre(row))));
+    let (of, u, v) = face_of(turned(face, direction(of, centre(column), centre(row))));
     let texel = |place: f64| ((place + 1.0) / 2.0 * resolution as f64) as usize;
-    texel_index(face, texel(u), texel(v), resolution)
+    (first + texel_index(of, texel(u), texel(v), resolution)) as u32
 }
 
 /// Direction under the map of the cube onto itself that takes the first face to `face`, columns to
@@ -105,12 +89,11 @@ mod tests {
     #[test]
     fn a_face_sees_nodes_under_the_angles_of_the_first() {
         let count = FACE_COUNT * RESOLUTION * RESOLUTION;
-        let lists = SideBySide::new(&[(RESOLUTION, 0)], [(RESOLUTION, 0)].into_iter());
+        let area = RESOLUTION * RESOLUTION;
         for row in 0..count {
-            let (first, face) = lists.row_of_first_face(row);
-            assert!(first < count / FACE_COUNT, "row {row}");
+            let (face, first) = (row / area, row % area);
             for node in 0..count {
-                let seen = lists.node_seen_from(face, node as u32) as usize;
+                let seen = node_seen_from(face, node as u32, &[(RESOLUTION, 0)]) as usize;
                 let [expected, found] =
                     [(first, node), (row, seen)].map(|(row, node)| dot(direction_of(row), direction_of(node)));
                 assert!((expected - found).abs() < 1e-14, "row {row}, node {node}: {found}, not {expected}");

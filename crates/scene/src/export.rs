@@ -460,13 +460,8 @@ pub fn up_comment(up: [f64; 3]) -> String {
 
 /// Up direction that the comments of a PLY file name.
 pub(crate) fn up_of_comments(comments: &[String]) -> Option<[f64; 3]> {
-    let numbers = |comment: &String| -> Option<[f64; 3]> {
-        let words = comment.strip_prefix(UP_COMMENT)?.split_ascii_whitespace();
-        let numbers: Vec<f64> = words.map_while(|word| word.parse().ok()).collect();
-        let up = DVec3::from(<[f64; 3]>::try_from(numbers).ok()?);
-        up.try_normalize().map(|up| up.to_array())
-    };
-    comments.iter().find_map(numbers)
+    let mut vectors = origin::vectors_in(comments, UP_COMMENT);
+    vectors.find_map(|up| Some(DVec3::from(up).try_normalize()?.to_array()))
 }
 
 /// End of the comment of upright files by earlier versions.
