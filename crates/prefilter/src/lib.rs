@@ -492,9 +492,9 @@ impl Operator {
     /// kept levels, because the sums are rounded in another order.
     fn store(&self) -> Option<Linear> {
         const ROWS_AT_ONCE: usize = 128;
-        let of_first_face = |block: &RowBlock| block.first_row..block.first_row + block.resolution.pow(2);
+        let first_face = |block: &RowBlock| block.first_row..block.first_row + block.resolution.pow(2);
         let rows: Vec<usize> = if self.is_symmetric() {
-            self.filtered_blocks().flat_map(of_first_face).collect()
+            self.filtered_blocks().flat_map(first_face).collect()
         } else {
             (0..self.row_count()).collect()
         };

@@ -6,7 +6,7 @@ use specula_core::cubemap::{FACE_COUNT, direction, face_of, texel_index, texel_o
 /// Nodes and rows side by side: for each node of the pyramid the six that lie to the faces as it
 /// lies to the first, and for each row of the first face the rows of all faces. Element 6 k + f of
 /// a list belongs to node or row k and face f.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct SideBySide {
     /// Node at each place.
     pub nodes: Vec<u32>,
