@@ -4,7 +4,7 @@ use crate::{
     args::{EnvChoice, FirstLights, LampOptions, Lights},
     failure::Failure,
     output, progress,
-    scene::{read_env, refuse_plain},
+    scene::{fuse_near_field, read_env, refuse_plain},
 };
 use core::{fmt::Display, str::FromStr};
 use glam::Vec3;
@@ -233,6 +233,7 @@ impl LightPlan {
         if lighting.has_lamps() {
             refuse_without_materials(&opened.scene)?;
         }
+        fuse_near_field(opened, options)?;
         lighting.map = self.env.as_deref().map(|path| read_env(path, self.options.exposure)).transpose()?;
         if lighting.has_lamps() || self.has_ground() {
             lighting.occluder = surface_of(opened, options)?;

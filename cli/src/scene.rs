@@ -21,7 +21,7 @@ use specula_io::{
 };
 use specula_report::measure::{self, ViewMeasures};
 use specula_scene::{
-    Layer, OpenedModel, Scene, SceneError, SceneRenderer, Shading, ShadingModel,
+    Layer, OpenedModel, RenderOptions, Scene, SceneError, SceneRenderer, Shading, ShadingModel,
     backdrop::{Backdrop, BackgroundChoice, BackgroundColor},
     camera_set::CameraSet,
     capture::Capture,
@@ -284,6 +284,22 @@ pub(crate) fn models_in(folder: &Path) -> Vec<PathBuf> {
     }
     found.sort();
     found
+}
+
+/// Near field of materials that come without one, with progress.
+pub(crate) fn fuse_near_field(opened: &mut OpenedModel, options: &RenderOptions) -> Result<(), Failure> {
+    let mut work = None;
+    opened.fuse_near_field(options, |done, all| {
+        let work = work.get_or_insert_with(|| {
+            tracing::info!("fusing the surface on which the materials shadow and reflect each other");
+            progress::work("fusing", all as u64)
+        });
+        work.done(done as u64, String::new);
+    })?;
+    if let Some(work) = work {
+        work.finish();
+    }
+    Ok(())
 }
 
 /// Replaces the light of a scene by that of a file. `up` is the scene's up direction.

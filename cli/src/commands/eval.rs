@@ -75,6 +75,9 @@ pub(crate) fn run(args: &Eval) -> Result<(), Failure> {
         picture: folder.as_ref().map(|_| picture::to_png(&pair.picture(&quality))),
         quality,
     });
+    if is_relit {
+        scene::fuse_near_field(&mut opened, &(&args.renderer).into())?;
+    }
     let mut evaluation = Evaluation {
         scene: args.scene.clone(),
         method,

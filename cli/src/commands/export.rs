@@ -138,6 +138,9 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
                 .to_owned(),
         ));
     }
+    if has_page || args.env.is_some() {
+        scene::fuse_near_field(&mut opened, &(&args.scene_options.renderer).into())?;
+    }
     let page = if has_page { Some(PageLight::new(args, opened.scene.clone(), lights.clone())?) } else { None };
     if has_page && args.env.is_none() && args.page_env.is_empty() && opened.scene.gaussians.layout.is_physical {
         tracing::info!("the page offers no other lights; --page-env sunset forest adds some to choose from");
@@ -360,11 +363,8 @@ impl Exporter<'_> {
             let work = progress::work("comparing", references.count() as u64);
             let progress = |done| work.done(done as u64, String::new);
             let error = if self.args.bake == BakeName::Materials {
-                references.compare_scene(
-                    read_relightable(path, self.light_in(placed.as_ref()))?,
-                    placed.as_ref(),
-                    progress,
-                )?
+                let scene = read_relightable(path, self.light_in(placed.as_ref()), &self.options())?;
+                references.compare_scene(scene, placed.as_ref(), progress)?
             } else {
                 references.compare(stored, placed.as_ref(), progress)?
             };

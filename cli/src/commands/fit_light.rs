@@ -74,6 +74,7 @@ pub(crate) fn run(args: &FitLight) -> Result<(), Failure> {
         iterations: args.iterations,
         executor: args.executor.clone(),
     };
+    scene::fuse_near_field(&mut opened, &RenderOptions::full_precision(args.executor.clone()))?;
     let work = progress::work("fitting", args.iterations.into());
     let light = opened.scene.fit_light(&fit, |step, psnr| {
         work.done(step.into(), || psnr.map_or(String::new(), |psnr| format!("{psnr:.2} dB on these photographs")));

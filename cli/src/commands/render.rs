@@ -51,7 +51,9 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     note_oddities(&opened);
     let light_options = LightOptions::from(&args.env_options);
     let mut map = None;
+    let options = RenderOptions::from(&scene_options.renderer);
     if let Some(env) = &args.env {
+        scene::fuse_near_field(&mut opened, &options)?;
         map = Some(relight(&mut opened.scene, env, light_options, up)?);
     } else {
         note_missing_light(&opened.scene, "add one with --env");
@@ -59,7 +61,6 @@ pub(crate) fn run(args: &Render) -> Result<(), Failure> {
     shade(&mut opened.scene, args.views.shading.shading())?;
     note_guessed_up(&orientation);
     let layers = layers_of(layers, &opened.scene)?;
-    let options = RenderOptions::from(&scene_options.renderer);
     let parts = parts_of(args, &opened, &options);
     let folder = PictureFolder::of(&opened, output, set.name, &set, &parts)?;
     output::make_folder(&folder.path)?;

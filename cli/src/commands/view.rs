@@ -33,13 +33,16 @@ pub(crate) fn run(args: &View) -> Result<(), Failure> {
     if !args.env.is_empty() || lights.env.is_some() {
         refuse_plain(&opened.scene)?;
     }
+    let render: RenderOptions = (&args.scene_options.renderer).into();
+    if is_shaded && opened.scene.light.is_none() {
+        scene::fuse_near_field(&mut opened, &render)?;
+    }
     let background = background_of(&opened, args.background).0;
     let orientation = opened.orientation(args.scene_options.scene_up.map(Into::into))?;
     note_guessed_up(&orientation);
     let photographs = photographs_of(&opened);
     let scene = ViewedScene::of_model(output::name_of_model(&args.scene), opened)?;
     let scene = ViewedScene { orientation, photographs, background, ..scene };
-    let render = (&args.scene_options.renderer).into();
     let options = ViewerOptions { address: args.listen, token: args.token.clone(), render };
     let viewer = Viewer::bind(&options, scene, None)?;
     for (number, name, light) in trained.into_iter().filter(|(number, ..)| *number != own) {

@@ -56,10 +56,16 @@ const OF_SHADED: [&str; 6] = ["nx2", "ny2", "nz2", "specular0", "specular1", "sp
 const SURFACE_NAMES: [[&str; 2]; 3] = [["metallicFactor", "roughnessFactor"], ["pm", "pr"], ["metallic", "roughness"]];
 /// Properties of normals.
 const NORMAL_NAMES: [&str; 3] = ["nx", "ny", "nz"];
-/// First column of normals, then of metalness and roughness, when a relightable file is read: after
-/// the planes of plain Gaussians of degree 0.
+/// Properties of the normals on the other side, in relightable files of ours.
+const BACK_NAMES: [&str; 3] = ["nx_back", "ny_back", "nz_back"];
+/// First column of normals, then of metalness and roughness, then of normals on the other side,
+/// when a relightable file is read: after the planes of plain Gaussians of degree 0.
 const NORMAL: usize = Layout::radiance(0).plane_count();
 const SURFACE: usize = NORMAL + 3;
+const BACK: usize = SURFACE + 2;
+/// Cosine between a normal and the shortest axis above which the Gaussian is a thin sheet, and its
+/// normal always faces the viewer.
+const SHEET_COSINE: f32 = 0.99;
 const RADIANCE_LAYOUT: &str = "the layout of 3D Gaussian splatting";
 const SHADED_LAYOUT: &str = "GaussianShader's layout";
 /// Thickness of a flat Gaussian, relative to its smaller axis.
@@ -85,8 +91,10 @@ pub struct GaussianFile {
 /// Physical material of a Gaussian for other programs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceMaterial {
-    /// Unit normal.
+    /// Unit normal on the side that the shortest axis of the Gaussian points to.
     pub normal: [f32; 3],
+    /// Unit normal on the other side.
+    pub back: [f32; 3],
     /// Linear base colour, 0 to 1.
     pub albedo: [f32; 3],
     /// Metalness, 0 to 1.
@@ -110,6 +118,8 @@ enum Holds {
     Normal(usize),
     /// Metalness (0) or roughness (1) of a relightable file.
     Surface(usize),
+    /// Component of the normals on the other side.
+    Back(usize),
 }
 
 /// Reads Gaussians in the layout of the columns. Infinite opacities and scales of minus infinity,
@@ -123,14 +133,14 @@ pub fn read(path: &Path) -> Result<GaussianFile> {
     if let Some(file) = compressed_ply::read(path)? {
         return Ok(file);
     }
-    let Contents { mut columns, layout, surface, is_flat, comments, mut notes } = contents(path)?;
+    let Contents { mut columns, layout, surface, has_backs, is_flat, comments, mut notes } = contents(path)?;
     let count = columns.count();
     notes.extend(note_infinities(path, replace_infinities(&mut columns, count, is_flat)));
     columns.refuse_non_finite(path)?;
     notes.extend(note_no_rotations(path, (0..count).filter(|row| columns.get(*row, QUAT) == [0.0; 4]).count()));
     notes.extend(note_lengths(path, &columns, count));
     if surface.is_some() {
-        let gaussians = with_materials(&columns, count);
+        let gaussians = with_materials(&columns, count, has_backs);
         return Ok(GaussianFile { gaussians, comments, notes, are_materials: true });
     }
     let gaussians = Gaussians { count, layout, values: columns.values };
@@ -143,6 +153,8 @@ struct Contents {
     layout: Layout,
     /// Properties of metalness and roughness of a relightable file.
     surface: Option<[&'static str; 2]>,
+    /// Whether a relightable file has normals on the other side.
+    has_backs: bool,
     /// Whether scales have two axes.
     is_flat: bool,
     comments: Vec<String>,
@@ -159,8 +171,10 @@ fn contents(path: &Path) -> Result<Contents> {
     let layout = if surface.is_some() { Layout::radiance(0) } else { layout_of(path, &table)? };
     let mut names = names_by_plane(layout);
     let mut notes = Vec::from_iter(note_left_out(path, &table, layout, surface.is_some()));
+    let has_backs = surface.is_some() && BACK_NAMES.iter().all(|name| table.has(name));
     if let Some(surface) = surface {
-        names.extend(NORMAL_NAMES.into_iter().chain(surface).map(str::to_owned));
+        let backs = BACK_NAMES.into_iter().filter(|_| has_backs);
+        names.extend(NORMAL_NAMES.into_iter().chain(surface).chain(backs).map(str::to_owned));
     }
     let is_flat = table.has("scale_1") && !table.has("scale_2");
     if is_flat {
@@ -169,7 +183,7 @@ fn contents(path: &Path) -> Result<Contents> {
         notes.push(format!("{path:?} has two scales, as in 2D Gaussian splatting; its Gaussians are rendered flat"));
     }
     let columns = table.read_any(&names, name_of(layout))?;
-    Ok(Contents { columns, layout, surface, is_flat, comments, notes })
+    Ok(Contents { columns, layout, surface, has_backs, is_flat, comments, notes })
 }
 
 /// Numbers of a file as they are, for [`crate::lint`].
@@ -189,14 +203,14 @@ pub(crate) fn numbers(path: &Path) -> Result<Numbers> {
     if let Some(GaussianFile { gaussians, .. }) = compressed_ply::read(path)? {
         return Ok(Numbers { gaussians, is_compressed: true, is_relightable: false, has_normals: false });
     }
-    let Contents { columns, layout, surface, .. } = contents(path)?;
+    let Contents { columns, layout, surface, has_backs, .. } = contents(path)?;
     let (count, is_relightable) = (columns.count(), surface.is_some());
     let table = Table::open(path)?;
     let names = NORMAL_NAMES.map(str::to_owned);
     let has_normals = names.iter().all(|name| table.has(name))
         && table.read_any::<f32>(&names, name_of(layout))?.values.iter().any(|number| *number != 0.0);
     let gaussians = match is_relightable {
-        true => with_materials(&columns, count),
+        true => with_materials(&columns, count, has_backs),
         false => Gaussians { count, layout, values: columns.values },
     };
     Ok(Numbers { gaussians, is_compressed: false, is_relightable, has_normals })
@@ -212,7 +226,7 @@ fn surface_names(table: &Table) -> Option<[&'static str; 2]> {
 
 /// Physical materials from the columns of a relightable file, in the convention of files. Their
 /// view-dependent colour, for pictures without a light, is the base colour.
-fn with_materials(columns: &Columns, count: usize) -> Gaussians<Vec<f32>> {
+fn with_materials(columns: &Columns, count: usize, has_backs: bool) -> Gaussians<Vec<f32>> {
     let (layout, plain) = (Layout::shaded(None).physical(), Layout::radiance(0));
     let first = layout.sh_end();
     let mut gaussians = Gaussians { count, layout, values: vec![0.0; len_of_values(count, layout)] };
@@ -225,7 +239,8 @@ fn with_materials(columns: &Columns, count: usize) -> Gaussians<Vec<f32>> {
         gaussians.set(row, DIFFUSE, albedo.map(|logit| logit + ShadingRules::OFFICIAL.diffuse_shift()));
         gaussians.set(row, TINT, [logit(0.0); 3]);
         gaussians.set(row, ROUGHNESS, [roughness]);
-        let [first_residual, second_residual] = residuals(&gaussians, row, columns.get(row, NORMAL));
+        let back = has_backs.then(|| columns.get(row, BACK));
+        let [first_residual, second_residual] = residuals(&gaussians, row, columns.get(row, NORMAL), back);
         gaussians.set(row, NORMAL_RESIDUAL_1, first_residual);
         gaussians.set(row, NORMAL_RESIDUAL_2, second_residual);
         gaussians.set(row, first + ALBEDO, albedo);
@@ -235,18 +250,24 @@ fn with_materials(columns: &Columns, count: usize) -> Gaussians<Vec<f32>> {
     gaussians
 }
 
-/// Residuals, in the convention of files, with which a Gaussian has this normal or its opposite, on
-/// the side of the viewer that its shortest axis is on, as trained ones. Without a normal they are
-/// zero, which leaves the axis.
-fn residuals(gaussians: &Gaussians<Vec<f32>>, row: usize, normal: [f32; 3]) -> [[f32; 3]; 2] {
+/// Residuals, in the convention of files, with which a Gaussian has this normal, and `back` seen
+/// from the side that its shortest axis points away from. Without `back`, a normal along the axis
+/// is that of a thin sheet, which faces the viewer on either side; any other normal stays. Without
+/// a normal the residuals are zero, which leaves the axis.
+fn residuals(gaussians: &Gaussians<Vec<f32>>, row: usize, normal: [f32; 3], back: Option<[f32; 3]>) -> [[f32; 3]; 2] {
     let [x, y, z] = gaussians.get(row, LOG_SCALE);
     let axis = axis(AxisRule::Shortest, &rotation(gaussians.get(row, QUAT)), vec3(x, y, z)).to_array();
-    let along: f32 = axis.iter().zip(normal).map(|(a, n)| a * n).sum();
     if normal == [0.0; 3] {
         return [[0.0; 3]; 2];
     }
-    let residual: [f32; 3] = core::array::from_fn(|k| along.signum() * normal[k] - axis[k]);
-    [residual, residual.map(|x| -x)]
+    let along: f32 = axis.iter().zip(normal).map(|(a, n)| a * n).sum();
+    let [front, back] = match back {
+        Some(back) => [normal, back],
+        None if along > SHEET_COSINE => [normal, normal.map(|x| -x)],
+        None if along < -SHEET_COSINE => [normal.map(|x| -x), normal],
+        None => [normal; 2],
+    };
+    [core::array::from_fn(|k| front[k] - axis[k]), core::array::from_fn(|k| back[k] + axis[k])]
 }
 
 /// Note on columns that are not part of the layout.
@@ -374,12 +395,13 @@ pub fn write_relightable(path: &Path, gaussians: &Gaussians<Vec<f32>>, materials
         write_rows(out, &gaussians, &columns, |gaussian, holds| match (holds, &materials[gaussian]) {
             (Holds::Normal(k), material) => material.normal[k],
             (Holds::Surface(0), material) => material.metalness,
+            (Holds::Back(k), material) => material.back[k],
             (_, material) => material.roughness,
         })
     })
 }
 
-/// Columns of a relightable file, in mesh2splat's order, then those of PBR-GS.
+/// Columns of a relightable file, in mesh2splat's order, then those of PBR-GS, then ours.
 fn relightable_columns() -> Vec<Column> {
     let mut columns = radiance_columns(Layout::radiance(0));
     let shape = columns.iter().position(|column| column.name == "opacity").expect("opacity is written");
@@ -387,6 +409,7 @@ fn relightable_columns() -> Vec<Column> {
         SURFACE_NAMES.map(|names| [0, 1].map(|k| Column { name: names[k].to_owned(), holds: Holds::Surface(k) }));
     columns.splice(shape..shape, first);
     columns.extend(second);
+    columns.extend((0..3).map(|k| Column { name: BACK_NAMES[k].to_owned(), holds: Holds::Back(k) }));
     columns
 }
 

@@ -153,6 +153,7 @@ impl Scene {
         Ok(self.with(py, |opened| {
             let up = orientation::up(&opened.orientation(None)?);
             let options = RenderOptions::full_precision(ExecutorChoice::Cpu);
+            opened.fuse_near_field(&options, |_, _| {})?;
             let occluder = match light.lighting.has_lamps() && shadows {
                 true => shadow_surface(opened, &options, |_, _| ())?,
                 false => None,
@@ -176,6 +177,7 @@ impl Scene {
         let is_interrupted = || Python::attach(|py| py.check_signals()).is_err();
         let found = self.with(py, |opened| {
             let background = background.unwrap_or(opened.background());
+            opened.fuse_near_field(&RenderOptions::full_precision(executor.clone()), |_, _| {})?;
             let fit = LightFit { pictures: &pictures, background, iterations, executor };
             let light = opened.scene.fit_light(&fit, |_, _| !is_interrupted())?;
             let up = orientation::up(&opened.orientation(None)?);

@@ -379,7 +379,7 @@ impl ColorSamples {
 }
 
 /// Normal of a Gaussian on the side of a direction.
-fn normal(gaussians: &Gaussians<Vec<f32>>, index: usize, towards: Vec3, shading: ShadingRules) -> [f32; 3] {
+pub(crate) fn normal(gaussians: &Gaussians<Vec<f32>>, index: usize, towards: Vec3, shading: ShadingRules) -> [f32; 3] {
     let material = Material { mean: Vector::default(), ..material(gaussians, index, shading) };
     surface(&material, vector(towards.to_array()), shading).facing.normal.to_array()
 }

@@ -29,13 +29,15 @@
 //! ```
 
 mod comparison;
+mod materials;
 
 pub use comparison::{PictureError, ReferencePictures};
 
 use crate::{
-    OpenedModel, Scene, SceneError, Shading as Shown,
+    OpenedModel, RenderOptions, Scene, SceneError, Shading as Shown,
     bake::{ActivatedAttributes, Baked, bake, bake_diffuse},
     environment::radiance,
+    export::materials::surface_materials,
     number::group_digits,
     plain::{opacity, subset, unfiltered},
     upright::{AxisConvention, Upright},
@@ -168,14 +170,23 @@ pub fn is_of_model(file: &Path, model: &Path, folder: Option<&Path>) -> bool {
     is_read || ["point_cloud", "light", "brdf_mlp", "input.ply"].into_iter().any(is_within)
 }
 
-/// Scene of a relightable file, as it is read again, under a light.
+/// Scene of a relightable file, as it is read again, with its near field and under a light.
 ///
 /// # Errors
 ///
-/// A file that cannot be read, or without materials ([`SceneError::NoMaterials`]).
-pub fn read_relightable(path: &Path, light: Option<Environment<Vec<f32>>>) -> core::result::Result<Scene, SceneError> {
-    let scene = OpenedModel::open(path)?.scene;
-    Scene { light, ..scene }.shaded(Shown::Physical)
+/// A file that cannot be read, or without materials ([`SceneError::NoMaterials`]); those of
+/// [`OpenedModel::fuse_near_field`].
+pub fn read_relightable(
+    path: &Path,
+    light: Option<Environment<Vec<f32>>>,
+    options: &RenderOptions,
+) -> core::result::Result<Scene, SceneError> {
+    let mut opened = OpenedModel::open(path)?;
+    opened.fuse_near_field(options, |_, _| {})?;
+    if let Some(light) = light {
+        opened.scene.put_under(light);
+    }
+    opened.scene.shaded(Shown::Physical)
 }
 
 /// Method by which a shading function becomes colours.
@@ -239,18 +250,25 @@ impl PlainGaussians {
         }
         let shown = if method == BakeMethod::Materials { Shown::Physical } else { scene.shading_model.shading() };
         let scene = Scene { gaussians, shading_model: scene.shading_model.shaded(shown), ..scene.clone() };
-        let Baked { gaussians, normals } = match method {
+        let Baked { mut gaussians, normals } = match method {
             BakeMethod::Harmonics => bake(exec, &scene, cameras, degree, progress)?,
             BakeMethod::Diffuse | BakeMethod::Materials => bake_diffuse(exec, &scene, cameras, progress)?,
         };
-        let materials = layout.is_physical.then(|| surface_materials(&scene.gaussians, &normals));
+        let materials = layout.is_physical.then(|| {
+            let shading = scene.shading_model.shaded(Shown::Physical).shading;
+            surface_materials(&scene.gaussians, shading, &normals, &mut gaussians)
+        });
         Ok(Self { gaussians, normals: Some(normals), kept, materials, method })
     }
 
     /// Gaussians in an upright world.
     fn placed(&self, upright: &Upright) -> Self {
         let normal = |normal: &[f32; 3]| upright.direction(*normal);
-        let turned = |material: &SurfaceMaterial| SurfaceMaterial { normal: normal(&material.normal), ..*material };
+        let turned = |material: &SurfaceMaterial| SurfaceMaterial {
+            normal: normal(&material.normal),
+            back: normal(&material.back),
+            ..*material
+        };
         Self {
             gaussians: upright.gaussians(&self.gaussians),
             normals: self.normals.as_ref().map(|normals| normals.iter().map(normal).collect()),
@@ -343,8 +361,7 @@ impl PlainGaussians {
             (true, BakeMethod::Diffuse, _) => "the light and its reflections are omitted".to_owned(),
             (true, BakeMethod::Materials, _) => {
                 let only = match format {
-                    GaussianFormat::Ply => "; shadows of the scene on itself are omitted",
-                    GaussianFormat::Glb | GaussianFormat::Usd => "",
+                    GaussianFormat::Ply | GaussianFormat::Glb | GaussianFormat::Usd => "",
                     GaussianFormat::Splat | GaussianFormat::Spz => {
                         "; the format has no normals and materials: relight its .ply instead"
                     }
@@ -417,17 +434,6 @@ impl PlainGaussians {
         let light = light.as_ref().map(|light| (radiance(light), light.resolution));
         Some(Shading { properties, attributes, light })
     }
-}
-
-/// Physical materials of Gaussians.
-fn surface_materials(gaussians: &Gaussians<Vec<f32>>, normals: &[[f32; 3]]) -> Vec<SurfaceMaterial> {
-    let material = |(index, normal): (usize, &[f32; 3])| {
-        let ActivatedAttributes { diffuse, tint, roughness } =
-            ActivatedAttributes::of(gaussians, index, ShadingRules::PHYSICAL);
-        // Albedo and metalness replace diffuse colour and tint.
-        SurfaceMaterial { normal: *normal, albedo: diffuse, metalness: tint[0], roughness }
-    };
-    normals.iter().enumerate().map(material).collect()
 }
 
 /// Lat-long map of a light for a dome of USD.

@@ -30,7 +30,7 @@ const VIEWS: u32 = 100;
 /// Longest edge of a fused view, in pixels.
 const EDGE_MAX: u32 = 800;
 /// Voxels along the longest edge of the volume, at most the number of pixels along a view's.
-const VOXELS: u16 = 160;
+pub(crate) const VOXELS: u16 = 160;
 
 /// Minimum number of shadow rays for interreflections of lamps. Fewer are a preview.
 const RAYS_OF_REFLECTED: usize = 8;

@@ -73,6 +73,7 @@ pub mod rendering;
 mod scene;
 mod shading_model;
 mod similarity;
+mod surroundings;
 pub mod text;
 pub mod training;
 pub mod upright;

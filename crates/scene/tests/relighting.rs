@@ -20,8 +20,9 @@ use specula_oracle::independent::{
     rays::RayView,
 };
 use specula_scene::{
-    ExecutorChoice, Scene, SceneRenderer, Shading, ShadingModel, Surface,
+    ExecutorChoice, RenderOptions, Scene, SceneRenderer, Shading, ShadingModel, Surface,
     environment::radiance,
+    export::{BakeMethod, GaussianFormat, PlainGaussians, read_relightable, visible},
     lamps::{SceneLamps, SunChoice, direction},
     light_fit::LightFit,
     orbit,
@@ -222,6 +223,24 @@ fn a_sky_lights_solids_as_paths_do() {
     println!("against paths without bounces {direct:.2} dB, with one {once:.2} dB, with all {all:.2} dB");
     assert!(all > 29.5, "{all} dB");
     assert!(direct < 23.0, "light between solids is missing: {direct} dB");
+
+    // The file has no surface; its solids shadow and reflect each other all the same.
+    let file = of_file(&scene);
+    let read = psnr(&traced(&world, ALL), &rendered(&file));
+    let open = psnr(&traced(&world, ALL), &rendered(&Scene { near_field: None, ..file }));
+    println!("its file {read:.2} dB, traced only in the open {open:.2} dB");
+    assert!(read > 33.0, "{read} dB");
+    assert!(open < 32.0, "reflected solids are missing: {open} dB");
+}
+
+/// Scene of the relightable file of another, under its light.
+fn of_file(scene: &Scene) -> Scene {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("solids.ply");
+    let (all, around) = (visible(&scene.gaussians, 0.0), orbit::sphere(&scene.gaussians, VIEWS));
+    let plain = PlainGaussians::bake(CpuExecutor::new(), scene, all, &around, 0, BakeMethod::Materials, |_, _| {});
+    plain.unwrap().write(&path, GaussianFormat::Ply, scene, None, &[]).unwrap();
+    read_relightable(&path, scene.light.clone(), &RenderOptions::full_precision(ExecutorChoice::Cpu)).unwrap()
 }
 
 #[test]

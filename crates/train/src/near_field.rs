@@ -18,7 +18,7 @@ use specula_mesh::{
 };
 
 /// Largest number of views that are fused.
-const VIEWS_MAX: usize = 100;
+pub const VIEWS_MAX: usize = 100;
 /// Longest edge of a fused view, in pixels.
 const EDGE_MAX: u32 = 800;
 
@@ -31,6 +31,11 @@ pub enum UnlitPicture {
     Layers,
     /// All layers of physical materials.
     Materials,
+}
+
+impl UnlitPicture {
+    /// Number of pictures of a view.
+    pub const COUNT: usize = 3;
 }
 
 /// Sky that a surface is under.

@@ -133,7 +133,8 @@ fn relightable_files_have_no_findings_and_are_read_as_materials() {
         gaussians.set(index, OPACITY, [index as f32 - 10.0]);
         gaussians.set(index, layout.sh_start(), [(0.75 - 0.5) / Y0, 0.0, (0.2 - 0.5) / Y0]);
     }
-    let material = SurfaceMaterial { normal: [0.0, 0.6, 0.8], albedo: [0.5; 3], metalness: 0.25, roughness: 0.4 };
+    let (normal, back) = ([0.0, 0.6, 0.8], [0.0, -0.8, -0.6]);
+    let material = SurfaceMaterial { normal, back, albedo: [0.5; 3], metalness: 0.25, roughness: 0.4 };
     gaussian_ply::write_relightable(&path, &gaussians, &[material; COUNT]).unwrap();
     assert_eq!(found(&path), Vec::<String>::new());
     let text = String::from_utf8_lossy(&fs::read(&path).unwrap()).into_owned();
@@ -145,6 +146,7 @@ fn relightable_files_have_no_findings_and_are_read_as_materials() {
         ([("pm", "p1"), ("pr", "p2")], "metallicFactor"),
         ([("metallicFactor", "p1"), ("roughnessFactor", "p2")], "pm"),
         ([("metallicFactor", "metallic"), ("roughnessFactor", "roughness")], "metallic"),
+        ([("nx_back", "b1"), ("ny_back", "b2")], "no normals on the other side"),
     ] {
         let mut bytes = bytes.clone();
         for (from, to) in ours {
@@ -164,10 +166,11 @@ fn relightable_files_have_no_findings_and_are_read_as_materials() {
         let [metalness] = read.get::<1>(7, first + METALNESS).map(sigmoid);
         let [roughness] = read.get::<1>(7, ROUGHNESS).map(sigmoid);
         assert!((metalness - 0.25).abs() < ROUNDED && (roughness - 0.4).abs() < ROUNDED, "{metalness} {roughness}");
-        // The shortest axis is −z, on the other side of the normal (0, 0.6, 0.8).
+        // The shortest axis is −z: normals are −z + Δn₁, and z + Δn₂ from the other side.
         let [first, second] = [NORMAL_RESIDUAL_1, NORMAL_RESIDUAL_2].map(|plane| read.get::<3>(7, plane));
-        for (first, (second, expected)) in first.into_iter().zip(second.into_iter().zip([0.0, -0.6, 0.2])) {
-            assert!((first - expected).abs() < ROUNDED && (second + expected).abs() < ROUNDED, "{first} {second}");
+        let back = if theirs.starts_with("no normals") { normal } else { back };
+        for (residual, expected) in [(first, [0.0, 0.6, 1.8]), (second, [0.0, back[1], back[2] - 1.0])] {
+            assert!(residual.iter().zip(expected).all(|(a, b)| (a - b).abs() < ROUNDED), "{theirs}: {residual:?}");
         }
         assert_eq!(read.get::<4>(7, QUAT), [0.0, 1.0, 0.0, 0.0], "normalised");
         assert_eq!(read.get::<1>(7, OPACITY), [-3.0], "a logit");
