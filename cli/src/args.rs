@@ -20,7 +20,7 @@ mod scene;
 mod train;
 pub(crate) mod view;
 
-pub(crate) use capture::{Capture, CaptureOptions};
+pub(crate) use capture::{Capture, CaptureOptions, LENS};
 use clap::{CommandFactory, Parser, Subcommand};
 pub(crate) use demo::Demo;
 pub(crate) use export::{BakeName, Export};

@@ -51,6 +51,13 @@ pub(crate) fn completed(arguments: Arguments, words: &[OsString]) -> Result<Argu
     let Command::Train(train) = &arguments.command else { return Ok(arguments) };
     let folder = &train.model_path;
     if train.resuming.resume && !checkpoint::path_in(folder).is_file() {
+        if !folder.is_dir() {
+            return Err(Failure::Input(format!("there is no folder {folder:?} with a training to resume; check -m")));
+        }
+        if !train.resuming.ignore_lock {
+            // Another training may not have written one yet.
+            output::lock(folder)?;
+        }
         return Err(Error::NoCheckpoint { path: folder.clone() }.into());
     }
     let saved = train.resuming.resume.then(|| folder.join(NAME));

@@ -8,7 +8,7 @@ use crate::{
 use core::slice;
 use specula_capture::is_installed;
 use specula_scene::{
-    Layer, backdrop::BackgroundChoice, camera_set::CameraSet, picture_folder::PictureFolder, rendering::FRAME_MS,
+    Layer, backdrop::BackgroundChoice, camera_set::CameraSet, picture_folder::PictureFolder, rendering::frame_ms,
     text::shown,
 };
 use std::{
@@ -76,7 +76,7 @@ impl Video {
             let frames = path.with_extension("");
             return Err(Failure::Input(format!(
                 "videos are written by ffmpeg, which is not installed; use -o {} for pictures, which ffmpeg -framerate \
-                 1000/{FRAME_MS} -i {} -pix_fmt yuv420p {} encodes",
+                 10 -i {} -pix_fmt yuv420p {} encodes",
                 shown(&frames),
                 shown(&frames.join("rgb/%05d.png")),
                 shown(path)
@@ -119,13 +119,11 @@ impl Video {
             _ => &EVEN,
         };
         let encoded = folder.path.join("video").with_extension(&ending);
+        let first = folder.picture(self.layer, 0);
+        let frames = fs::read_dir(output::folder_of(&first)).map_or(0, Iterator::count);
         let mut ffmpeg = Command::new("ffmpeg");
-        ffmpeg.args(["-y", "-loglevel", "error", "-framerate", &format!("1000/{FRAME_MS}"), "-i"]);
-        ffmpeg
-            .arg(folder.picture(self.layer, 0).with_file_name("%05d.png"))
-            .args(options)
-            .arg(&encoded)
-            .stdin(Stdio::null());
+        ffmpeg.args(["-y", "-loglevel", "error", "-framerate", &format!("1000/{}", frame_ms(frames)), "-i"]);
+        ffmpeg.arg(first.with_file_name("%05d.png")).args(options).arg(&encoded).stdin(Stdio::null());
         let done = ffmpeg.output().map_err(|source| failure(&self.path, source))?;
         if !done.status.success() {
             let said = String::from_utf8_lossy(&done.stderr).trim().replace('\n', "; ");

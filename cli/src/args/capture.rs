@@ -4,6 +4,8 @@ use super::parse::positive;
 use clap::Args;
 use std::path::PathBuf;
 
+/// Lens model by default.
+pub(crate) const LENS: &str = "SIMPLE_RADIAL";
 /// Lens models of COLMAP that are read.
 const LENSES: [&str; 8] = [
     "SIMPLE_PINHOLE",
@@ -54,7 +56,7 @@ pub(crate) struct CaptureOptions {
     #[arg(long, value_name = "COMMAND")]
     pub(crate) mask_with: Option<String>,
     /// Lens model of COLMAP.
-    #[arg(long, value_name = "MODEL", default_value = "SIMPLE_RADIAL", value_parser = LENSES)]
+    #[arg(long, value_name = "MODEL", default_value = LENS, value_parser = LENSES)]
     pub(crate) lens: String,
     /// More and finer features: slower, for pictures with little texture.
     #[arg(long)]

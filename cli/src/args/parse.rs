@@ -86,7 +86,8 @@ pub(super) fn light_follows(text: &str) -> Result<LightFollows, String> {
 }
 
 pub(super) fn masks(text: &str) -> Result<MaskUse, String> {
-    MaskUse::named(text).ok_or_else(|| "expected auto, ignore or cut".into())
+    MaskUse::named(text)
+        .ok_or_else(|| "expected auto, ignore or cut; the masks themselves are in the data set's folder masks".into())
 }
 
 pub(super) fn input_space(text: &str) -> Result<InputSpace, String> {

@@ -52,6 +52,12 @@ pub(crate) fn material_options(data: &Dataset) -> &'static [&'static str] {
 
 /// Makes a data set, or continues to.
 pub(crate) fn capture(inputs: &[PathBuf], folder: &Path, options: &CaptureOptions) -> Result<Outcome, Failure> {
+    if let Some(input) = inputs.iter().find(|input| is_scene(input)) {
+        return Err(Failure::Input(format!(
+            "{input:?} is a scene, not photographs; look at it with specula view {}",
+            shown(input)
+        )));
+    }
     specula_capture::check(inputs)?;
     let place = PathBuf::from(output::absolute(folder));
     if let Some(input) = inputs.iter().find(|input| input.is_dir() && place.starts_with(output::absolute(input))) {
@@ -62,7 +68,7 @@ pub(crate) fn capture(inputs: &[PathBuf], folder: &Path, options: &CaptureOption
     refuse_other_contents(folder)?;
     for input in inputs.iter().filter(|input| has_files(input)) {
         let line = command_text(["specula", "train", &input.to_string_lossy(), "-m", "out/model"]);
-        tracing::warn!("{input:?} has cameras, which are not used; to keep them: {line}");
+        tracing::warn!("{input:?} has cameras, which are not used; specula make and this command keep them: {line}");
     }
     output::make_folder(folder)?;
     let _lock = output::lock(folder)?;
@@ -88,6 +94,15 @@ pub(crate) fn capture(inputs: &[PathBuf], folder: &Path, options: &CaptureOption
         colmap,
     };
     Ok(specula_capture::capture(&options, &Shown::default())?)
+}
+
+/// Whether a path is a model, or a file of Gaussians.
+fn is_scene(path: &Path) -> bool {
+    const ENDINGS: [&str; 5] = ["ply", "splat", "spz", "glb", "gltf"];
+    match path.is_dir() {
+        true => model_folder::latest_iteration(path).is_ok(),
+        false => output::ending(path).is_some_and(|ending| ENDINGS.contains(&ending.as_str())),
+    }
 }
 
 /// Refuses a folder of a model, or of a data set that is no capture.

@@ -99,8 +99,13 @@ pub(crate) fn train_shaded(args: &Demo) -> Result<PathBuf, Failure> {
 /// Rejects a folder with a training that no demo started; an earlier demo is replaced.
 fn refuse_to_hide(args: &Demo, name: &str) -> Result<(), Failure> {
     let folder = args.output.join(name);
-    let data = output::absolute(&args.output.join("data"));
-    let is_demo = |info: &ModelInfo| info.source_path == data && !info.rest.contains_key("command");
+    let data = args.output.join("data").canonicalize().ok();
+    // A folder that was moved names a place that is no longer there.
+    let is_own = |source: &Path| match source.canonicalize() {
+        Ok(source) => Some(source) == data,
+        Err(_) => source.ends_with("data"),
+    };
+    let is_demo = |info: &ModelInfo| is_own(Path::new(&info.source_path)) && !info.rest.contains_key("command");
     if !model_folder::holds_training(&folder) || model_folder::read_info(&folder)?.as_ref().is_some_and(is_demo) {
         return Ok(());
     }

@@ -87,6 +87,12 @@ pub(crate) fn run(args: &Export) -> Result<(), Failure> {
             "--texture applies to .glb and .usdz meshes; write one with --mesh -o FILE.glb".to_owned(),
         ));
     }
+    let has_gaussians = formats.iter().any(|format| matches!(format, ExportFormat::Gaussians(_)));
+    if args.bake != BakeName::Sh && !has_gaussians {
+        return Err(Failure::Input(
+            "--bake applies to files of Gaussians; write one, such as with -o FILE.ply, or omit it".to_owned(),
+        ));
+    }
     let is_page = |format: &ExportFormat| matches!(format, ExportFormat::Page | ExportFormat::PageFolder);
     let has_page = formats.iter().any(is_page);
     let FirstLights { lamps: LampOptions { sun, lamp, lights: file }, ground } = &args.first;

@@ -26,6 +26,11 @@ use specula_scene::{
 };
 use specula_train::view::View;
 
+/// Photographs of the fit that the scene is compared with, at most.
+const SHOWN_MAX: usize = 12;
+/// PSNR in dB below which the photographs show something else.
+const PSNR_MIN: f64 = 16.0;
+
 /// Fits and writes the light; measures the photographs that it was not fitted to.
 pub(crate) fn run(args: &FitLight) -> Result<(), Failure> {
     refuse_other_formats(args)?;
@@ -85,15 +90,24 @@ pub(crate) fn run(args: &FitLight) -> Result<(), Failure> {
     let up = orientation::up(&opened.orientation(None)?);
     let map = light_file::map_of(&light, up);
     latlong::write(&args.output, &map)?;
+    opened.scene.relight(&map, MapUp::Scene.orientation(up));
+    let options = RenderOptions::full_precision(args.executor.clone());
+    let mut renderer = SceneRenderer::new(opened.scene, Channels::Training, &options)?;
+    let count = fitted.len();
+    let (some, _) = divided(fitted, SHOWN_MAX);
+    let psnr = measure::means(&measure_views(&mut renderer, &some, background, false)?)[PSNR].unwrap_or(f64::NAN);
     if !args.json {
-        let (file, fitted) = (shown(&args.output), counted(fitted.len(), "photograph"));
-        output::say(&format!("{file}: light of {fitted}, {} × {}", map.width, map.height))?;
+        let (file, fitted) = (shown(&args.output), counted(count, "photograph"));
+        let [width, height] = [map.width, map.height];
+        output::say(&format!("{file}: light of {fitted}, {width} × {height}; under it the scene has {psnr:.2} dB"))?;
     }
-
+    if psnr < PSNR_MIN {
+        tracing::warn!(
+            "the scene does not look like the photographs ({psnr:.1} dB; 20 is fair): they show another object, or their \
+             cameras are in another world than the model's"
+        );
+    }
     if !others.is_empty() {
-        opened.scene.relight(&map, MapUp::Scene.orientation(up));
-        let options = RenderOptions::full_precision(args.executor.clone());
-        let mut renderer = SceneRenderer::new(opened.scene, Channels::Training, &options)?;
         report(args, &measure_views(&mut renderer, &others, background, false)?)?;
     }
     progress::note_next([format!("specula relight {} --env {}", shown(&args.scene), shown(&args.output))]);

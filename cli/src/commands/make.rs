@@ -2,13 +2,24 @@
 //! commands.
 
 use crate::{
-    args::Make, commands::capture, dataset, failure::Failure, interrupt, output, progress, run_words, scene::read_env,
+    args::{CaptureOptions, LENS, Make},
+    commands::capture,
+    dataset,
+    failure::Failure,
+    interrupt, output, progress, run_words,
+    scene::read_env,
 };
 use serde_json::Value;
 use specula_capture::{Finding, Outcome, command_text};
 use specula_io::{checkpoint, dataset::LoadOptions, model_folder, picture};
 use specula_report::made::{Figure, Format, Made};
-use specula_scene::{dataset::Dataset, orientation, text::shown};
+use specula_scene::{
+    OpenedModel,
+    crop::Crop,
+    dataset::{Dataset, has_files},
+    orientation,
+    text::shown,
+};
 use specula_train::view::View;
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -19,37 +30,32 @@ use std::{
 /// Pictures of a turntable, and their longer edge in pixels.
 const TURNTABLE: &str = "48";
 const EDGE: u32 = 640;
+/// Iterations of a quick training, of the default, and of the best.
+const ITERATIONS: [u32; 3] = [2000, 7000, 30_000];
 /// Longer edge of the pictures of a quick training, about.
 const QUICK_EDGE: u32 = 400;
 /// JPEG quality of the photograph.
 const QUALITY: u8 = 88;
 /// Record of the command line that made each file.
 const RECORD: &str = "made.json";
-/// Folder of the results of earlier masks.
-const BEFORE: &str = "before-masks";
+/// Folder of the results of other options.
+const BEFORE: &str = "before";
 
 /// Runs the commands whose results are missing, and writes the page.
 pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     let folder = |name: &str| args.output.join(name);
-    let (data, model) = (folder("data"), folder("model"));
+    let model = folder("model");
     args.env.iter().try_for_each(|map| read_env(map, args.exposure).map(drop))?;
     capture::refuse_other_contents(&args.output)?;
-    let line = capture_line(args, &data);
-    tracing::info!("{line}");
-    let outcome = capture::capture(&args.inputs, &data, &args.capture)?;
-    if 2 * outcome.registered < outcome.pictures {
-        let Outcome { registered, pictures, connected, .. } = outcome;
-        return Err(Failure::Input(format!(
-            "only {registered} of {pictures} pictures have cameras, too few for a scene, though {connected} match others: \
-             neighbouring pictures share too little; take more in between, or train on these: {}",
-            command_text(["specula", "train", &text(&data), "-m", &text(&model)])
-        )));
-    }
     let mut commands = Commands::new(&args.output);
-    commands.lines.push(line);
-    if outcome.has_other_masks {
-        commands.set_aside(&args.output)?;
-    }
+    let (data, cameras) = match own_cameras(args)? {
+        Some(data) => (data.clone(), None),
+        None => {
+            let data = folder("data");
+            let cameras = captured(args, &data, &model, &mut commands)?;
+            (data, Some(cameras))
+        }
+    };
     let loaded = progress::silently(|| dataset::load(&data, &LoadOptions::default()))?;
     let mut findings = capture::findings(&data, &loaded)?;
     let mut drift = findings.iter_mut().find(|finding| finding.kind == Finding::EXPOSURE);
@@ -58,24 +64,30 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
                         exposure and white balance next time";
     }
     let has_drift = drift.is_some();
-    let findings: Vec<String> = findings.iter().map(capture::sentence).collect();
+    let mut findings: Vec<String> = findings.iter().map(capture::sentence).collect();
     findings.iter().for_each(|finding| tracing::warn!("{finding}"));
 
-    let iterations = if args.quick {
-        2000
-    } else if args.capture.best {
-        30_000
-    } else {
-        7000
-    };
+    let iterations = ITERATIONS[match (args.quick, args.capture.best) {
+        (true, _) => 0,
+        (_, false) => 1,
+        (_, true) => 2,
+    }];
     let mut options = training_options(args, &loaded);
     options.extend(has_drift.then(|| "--exposure".to_owned()));
     commands.train(&data, &model, iterations, &options)?;
+    let iterations = model_folder::latest_iteration(&model)?;
     commands.run(&["eval", &text(&model)])?;
     let size = size_of(&loaded);
     // Surroundings that no mask cuts out would reflect the object as a mirror.
     let is_cut_out = capture::material_options(&loaded).is_empty();
     let crop: &[&str] = if is_cut_out { &[] } else { &["--crop", "object"] };
+    if !is_cut_out && !stands_on_a_plane(&model)? {
+        findings.push(
+            "no plane that the object stands on was found, so what is around it was not removed: masks cut it out \
+             (--masks FOLDER), or relight with --crop X,Y,Z,RADIUS"
+                .to_owned(),
+        );
+    }
     let mut lights: Vec<String> = args.sun.iter().flat_map(|sun| ["--sun".to_owned(), sun.to_string()]).collect();
     lights.extend((args.ground || !is_cut_out).then(|| "--ground".to_owned()));
     lights.extend((args.exposure != 0.0).then(|| format!("--exposure={}", args.exposure)));
@@ -104,7 +116,7 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     let export = ["export", &text(&model), "--no-error", "-o", &text(&scene)];
     commands.write(&scene, &[&export[..], &common, &["--env", first], &offered].concat())?;
 
-    let mut facts = vec![["cameras".to_owned(), format!("{} of {} pictures", outcome.registered, outcome.pictures)]];
+    let mut facts: Vec<_> = cameras.map(|cameras| ["cameras".to_owned(), cameras]).into_iter().collect();
     facts.push(["iterations".into(), iterations.to_string()]);
     facts.extend(
         psnr_of(&model, iterations)
@@ -123,13 +135,64 @@ pub(crate) fn run(args: &Make) -> Result<(), Failure> {
     output::say(&format!("Page: {}", shown(&page)))?;
     let steps = [
         (args.sun.is_empty(), "the same command with --sun 30,45 adds a sun"),
-        (!is_cut_out, "with --masks FOLDER only the object is trained and shown"),
-        (args.quick, "without --quick the model becomes sharper"),
+        (!is_cut_out, "with masks (--masks FOLDER) only the object is trained and shown"),
+        (iterations == ITERATIONS[0], "without --quick the model becomes sharper"),
     ];
     let steps = steps.into_iter().filter(|(is_open, _)| *is_open).map(|(_, step)| step.to_owned());
     let view = command_text(["specula", "view", &text(&model)]);
     progress::note_next(steps.chain([view]));
     Ok(())
+}
+
+/// The input, if it is a data set with cameras of its own.
+///
+/// # Errors
+///
+/// Options of a capture, which have no effect on it.
+fn own_cameras(args: &Make) -> Result<Option<&PathBuf>, Failure> {
+    let [input] = &args.inputs[..] else { return Ok(None) };
+    let has_capture = args.output.join("data/capture.json").is_file();
+    if !has_files(input) || has_capture {
+        return Ok(None);
+    }
+    let CaptureOptions { frames, masks, mask_with, lens, colmap, best: _ } = &args.capture;
+    let given = [
+        ("--frames", frames.is_some()),
+        ("--masks", masks.is_some()),
+        ("--mask-with", mask_with.is_some()),
+        ("--lens", lens != LENS),
+        ("--colmap", colmap.is_some()),
+    ];
+    match given.into_iter().find(|(_, is_given)| *is_given) {
+        Some((option, _)) => Err(Failure::Input(format!(
+            "{option} has no effect on {input:?}, a data set with cameras, whose masks are in its folder masks; omit it, or \
+             name the folder of its pictures to estimate cameras again"
+        ))),
+        None => {
+            tracing::info!("{} has cameras, which are kept", shown(input));
+            Ok(Some(input))
+        }
+    }
+}
+
+/// Estimates the cameras of the inputs; returns how many pictures have one.
+fn captured(args: &Make, data: &Path, model: &Path, commands: &mut Commands) -> Result<String, Failure> {
+    let line = capture_line(args, data);
+    tracing::info!("{line}");
+    let Outcome { registered, pictures, connected, has_other_masks } =
+        capture::capture(&args.inputs, data, &args.capture)?;
+    if 2 * registered < pictures {
+        return Err(Failure::Input(format!(
+            "only {registered} of {pictures} pictures have cameras, too few for a scene, though {connected} match others: \
+             neighbouring pictures share too little; take more in between, or train on these: {}",
+            command_text(["specula", "train", &text(data), "-m", &text(model)])
+        )));
+    }
+    commands.lines.push(line);
+    if has_other_masks {
+        commands.set_aside("the masks are other ones")?;
+    }
+    Ok(format!("{registered} of {pictures} pictures"))
 }
 
 /// Command line of the capture.
@@ -165,9 +228,17 @@ fn photograph(data: &Dataset) -> Option<Figure> {
     Some(Figure { caption: "a photograph".into(), bytes, format: Format::Jpeg })
 }
 
+/// Whether the surface of a model has the plane that its object stands on.
+fn stands_on_a_plane(model: &Path) -> Result<bool, Failure> {
+    let mut opened = OpenedModel::open(model)?;
+    opened.crop(Crop::Object)?;
+    Ok(opened.crop == Some(Crop::Object))
+}
+
 /// Command lines that were run.
 struct Commands {
     lines: Vec<String>,
+    output: PathBuf,
     /// Record of the command line that made each file.
     record: PathBuf,
     made: BTreeMap<String, String>,
@@ -177,11 +248,12 @@ impl Commands {
     fn new(output: &Path) -> Self {
         let record = output.join(RECORD);
         let made = fs::read_to_string(&record).ok().and_then(|text| serde_json::from_str(&text).ok());
-        Self { lines: Vec::new(), record, made: made.unwrap_or_default() }
+        Self { lines: Vec::new(), output: output.to_owned(), record, made: made.unwrap_or_default() }
     }
 
-    /// Moves what was made without masks, or with other ones, to a folder of its own.
-    fn set_aside(&mut self, output: &Path) -> Result<(), Failure> {
+    /// Moves what was made before to a folder of its own, and says why.
+    fn set_aside(&mut self, reason: &str) -> Result<(), Failure> {
+        let output = &self.output;
         let below = |file: &String| Path::new(file).strip_prefix(output).ok()?.iter().next().map(PathBuf::from);
         let made = self.made.keys().filter_map(below);
         let names: BTreeSet<PathBuf> =
@@ -199,7 +271,7 @@ impl Commands {
             fs::rename(output.join(name), &to).map_err(|cause| specula_io::Error::Write { path: to, cause })?;
         }
         self.made.clear();
-        tracing::info!("the masks are other ones: the earlier model and pages are in {before:?}");
+        tracing::info!("{reason}: the earlier model and pages are in {}", shown(&before));
         Ok(())
     }
 
@@ -235,11 +307,25 @@ impl Commands {
         self.save()
     }
 
-    /// Trains, or continues a training, unless the model is there.
+    /// Trains, or continues a training, unless the model is there. A model of other options is set
+    /// aside, but a whole one of more iterations stays.
     fn train(&mut self, data: &Path, model: &Path, iterations: u32, options: &[String]) -> Result<(), Failure> {
         let name = text(model);
-        let trained = self.made.get(&name).cloned();
-        if model_folder::latest_iteration(model).is_ok_and(|latest| latest >= iterations) {
+        // The folder may be named in another way than before.
+        let is_model = |file: &String| Path::new(file).file_name() == model.file_name();
+        let trained = self.made.iter().find(|(file, _)| is_model(file)).map(|(_, line)| line.clone());
+        let latest = model_folder::latest_iteration(model).unwrap_or(0);
+        let (count, data) = (iterations.to_string(), text(data));
+        let tail = ["--eval", "--overwrite", "--iterations", &count];
+        let tail: Vec<&str> = tail.into_iter().chain(options.iter().map(String::as_str)).collect();
+        let is_other = trained.as_ref().is_some_and(|line| !line.ends_with(&command_text(tail.iter().copied())));
+        if is_other && latest > iterations {
+            tracing::info!("the model of {latest} iterations stays; for another one use another folder with -o");
+        } else if is_other {
+            self.set_aside("the training has other options")?;
+        }
+        let latest = model_folder::latest_iteration(model).unwrap_or(0);
+        if latest >= iterations {
             self.lines.extend(trained);
             return Ok(());
         }
@@ -250,9 +336,7 @@ impl Commands {
             self.save()?;
             return self.run(&["train", "-m", &name, "--resume"]);
         }
-        let (iterations, data) = (iterations.to_string(), text(data));
-        let words = ["train", &data, "-m", &name, "--eval", "--overwrite", "--iterations", &iterations];
-        let words: Vec<&str> = words.into_iter().chain(options.iter().map(String::as_str)).collect();
+        let words = [&["train", &data, "-m", &name][..], &tail].concat();
         self.made.insert(name.clone(), line_of(&words));
         self.save()?;
         self.run(&words)

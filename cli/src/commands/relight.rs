@@ -23,7 +23,7 @@ use specula_scene::{
     light_file::write_light_preview,
     orientation,
     picture_folder::{PictureFolder, differences},
-    rendering::{FRAME_MS, PictureJob},
+    rendering::{PictureJob, frame_ms},
 };
 
 /// Share of a scene's pixels that may be white without a warning.
@@ -190,7 +190,7 @@ fn render_turning(
         work.done(index as u64 + 1, String::new);
     }
     work.finish();
-    Ok(picture::write_animation(&folder.animation(), &frames, FRAME_MS)?)
+    Ok(picture::write_animation(&folder.animation(), &frames, frame_ms(frames.len()))?)
 }
 
 #[cfg(test)]

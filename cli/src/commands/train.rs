@@ -33,7 +33,7 @@ use specula_scene::{
     capture::{Capture, Photograph, Reading},
     dataset::{InitialPoints, cloud_of, has_files},
     following_light::LightFollows,
-    foreground,
+    foreground::{self, Foreground},
     light_file::MapUp,
     orientation::{self, of_gaussians, with_up},
     training::{Checkpoints, Lock, Outcome, Start, Training, model_info},
@@ -243,6 +243,12 @@ fn profile_of(args: &Train, data: &Capture) -> Result<Profile, Failure> {
             ""
         };
         tracing::info!("every picture has alpha or a mask, so the settings are those for objects{materials}");
+    }
+    if profile.light.is_none() && args.start.foreground != Foreground::All {
+        return Err(Failure::Input(
+            "--foreground applies to reflections, which the profile does not have; omit it, or use --profile specula"
+                .to_owned(),
+        ));
     }
     if profile.light.is_some() {
         profile.foreground = args.start.foreground.ball(data.orientation.as_ref(), data.origin);

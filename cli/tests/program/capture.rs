@@ -43,6 +43,11 @@ fn unusable_inputs_end_in_a_sentence_with_a_remedy() {
         fs::write(tiny.path(name).join(file), "{}").unwrap();
     }
     for command in ["capture", "make"] {
+        refuses(
+            &[command, "scene.ply", "-o", "a"],
+            &["is a scene, not photographs", "specula view scene.ply"],
+            &folder,
+        );
         refuses(&[command, "photographs", "-o", "model"], &["already contains a model"], &folder);
         refuses(&[command, "photographs", "-o", "other"], &["already contains another data set"], &folder);
     }
@@ -147,7 +152,7 @@ fn photographs_get_cameras_once_and_a_killed_capture_continues() {
     assert!(tiny.path("corner/masks/00.png.png").is_file());
 
     let other = ["capture", "photographs", "-o", "corner", "--best"];
-    refuses(&other, &["corner", "other options"], &tiny.path(""));
+    refuses(&other, &["corner", "a capture with --masks silhouettes; repeat that"], &tiny.path(""));
 
     let output =
         specula().current_dir(tiny.path("")).args(["info", "corner", "--json"]).assert().success().get_output().clone();

@@ -213,7 +213,7 @@ fn a_model_tells_how_many_views_a_step_fitted() {
 fn only_the_same_training_continues() {
     let tiny = Tiny::new();
     let nothing = refusal(&mut resumed(&tiny, "model"));
-    assert!(nothing.contains("no checkpoint.safetensors") && !tiny.path("model").exists(), "{nothing}");
+    assert!(nothing.contains("there is no folder") && !tiny.path("model").exists(), "{nothing}");
 
     train_by_default(&tiny, "model").assert().success();
     let before = fs::read(checkpoint::path_in(&tiny.path("model"))).unwrap();

@@ -16,6 +16,8 @@ const TRACK_MIN: f64 = 3.0;
 /// Median sharpness of blurred pictures; one picture is blurred below this share of the median.
 const SHARPNESS_MIN: f32 = 0.28;
 const BLURRED: f32 = 0.75;
+/// Coverage of a picture up to which it shows a thing that is cut out.
+const CUT_OUT: f32 = 0.9;
 /// Ratio of brightness between the tenth and the ninetieth hundredth of the pictures.
 const EXPOSURE_MAX: f32 = 1.6;
 /// Least number of pictures of an object.
@@ -164,9 +166,11 @@ fn angle_of(model: &Reconstruction) -> f64 {
 
 fn of_looks(looks: &[Look]) -> Vec<Finding> {
     let mut found = Vec::new();
-    let usual = median(looks.iter().map(|look| look.sharpness));
-    let blurred: Vec<&Look> = looks.iter().filter(|look| look.sharpness < BLURRED * usual).collect();
-    if looks.len() >= 3 && usual < SHARPNESS_MIN {
+    // The sides of a thing that is cut out differ in detail.
+    let whole: Vec<&Look> = looks.iter().filter(|look| look.coverage > CUT_OUT).collect();
+    let usual = median(whole.iter().map(|look| look.sharpness));
+    let blurred: Vec<&&Look> = whole.iter().filter(|look| look.sharpness < BLURRED * usual).collect();
+    if whole.len() >= 3 && usual < SHARPNESS_MIN {
         found.push(Finding {
             kind: "blur",
             cause: "most pictures are blurred".into(),
@@ -178,7 +182,7 @@ fn of_looks(looks: &[Look]) -> Vec<Finding> {
             cause: format!(
                 "{} of {} pictures are less sharp than the others, such as {}",
                 blurred.len(),
-                looks.len(),
+                whole.len(),
                 first.name
             ),
             remedy: "remove them, if others show the same",
@@ -249,7 +253,7 @@ mod tests {
     }
 
     fn look(sharpness: f32, brightness: f32) -> Look {
-        Look { name: "a".into(), sharpness, brightness }
+        Look { name: "a".into(), sharpness, coverage: 1.0, brightness }
     }
 
     #[test]

@@ -13,7 +13,9 @@ pub struct Look {
     /// Share of the contrast over two pixels that is there over one, at 640 pixels along the longer
     /// edge: 0.25 for smooth, 0.5 for steps between pixels.
     pub sharpness: f32,
-    /// Mean grey level, from 0 to 1.
+    /// Share of the picture that alpha covers, from 0 to 1.
+    pub coverage: f32,
+    /// Mean grey level of what alpha covers, from 0 to 1.
     pub brightness: f32,
 }
 
@@ -23,27 +25,33 @@ impl Look {
         let height = rgba.len() / 4 / width.max(1);
         let factor = width.max(height).div_ceil(EDGE).max(1);
         let (columns, rows) = (width / factor, height / factor);
-        let grey = |x: usize, y: usize| -> f32 {
-            let mut sum = 0;
+        // Grey level times coverage, and coverage.
+        let mean = |x: usize, y: usize| -> [f32; 2] {
+            let (mut grey, mut coverage) = (0, 0);
             for row in y * factor..(y + 1) * factor {
                 let start = 4 * (row * width + x * factor);
-                let block = &rgba[start..start + 4 * factor];
-                sum +=
-                    block.chunks_exact(4).map(|p| u32::from(p[0]) + 2 * u32::from(p[1]) + u32::from(p[2])).sum::<u32>();
+                for pixel in rgba[start..start + 4 * factor].as_chunks::<4>().0 {
+                    let [red, green, blue, alpha] = pixel.map(u64::from);
+                    grey += alpha * (red + 2 * green + blue);
+                    coverage += alpha;
+                }
             }
-            sum as f32 / (4 * 255 * factor * factor) as f32
+            let whole = (255 * factor * factor) as f32;
+            [grey as f32 / (4.0 * 255.0 * whole), coverage as f32 / whole]
         };
-        let grey: Vec<f32> =
-            (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))).map(|(x, y)| grey(x, y)).collect();
+        let means: Vec<[f32; 2]> =
+            (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
         let contrast = |gap: usize| -> f32 {
-            let rows = grey.chunks_exact(columns.max(1));
-            rows.map(|row| row.iter().zip(row.iter().skip(gap)).map(|(a, b)| (a - b).powi(2)).sum::<f32>()).sum()
+            let rows = means.chunks_exact(columns.max(1));
+            rows.map(|row| row.iter().zip(row.iter().skip(gap)).map(|(a, b)| (a[0] - b[0]).powi(2)).sum::<f32>()).sum()
         };
+        let [grey, coverage] = [0, 1].map(|k| means.iter().map(|mean| mean[k]).sum::<f32>());
         let [fine, coarse] = [1, 2].map(contrast);
         Self {
             name: name.to_owned(),
             sharpness: if coarse > 0.0 { fine / coarse } else { 0.0 },
-            brightness: grey.iter().sum::<f32>() / grey.len().max(1) as f32,
+            coverage: coverage / means.len().max(1) as f32,
+            brightness: grey / coverage.max(1.0),
         }
     }
 }
@@ -51,6 +59,14 @@ impl Look {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn brightness_is_that_of_what_is_covered() {
+        let pixel = |k: u8| if k % 4 == 0 { [128, 128, 128, 255] } else { [250, 250, 250, 0] };
+        let rgba: Vec<u8> = (0..64).flat_map(pixel).collect();
+        let look = Look::of_rgba("a", &rgba, 8);
+        assert!((look.brightness - 128.0 / 255.0).abs() < 1e-6 && look.coverage == 0.25, "{look:?}");
+    }
 
     #[test]
     fn blur_lowers_sharpness() {

@@ -90,7 +90,7 @@ pub fn check(inputs: &[PathBuf]) -> Result<()> {
 /// interruption.
 pub fn capture(options: &Options, monitor: &dyn Monitor) -> Result<Outcome> {
     let request = Request {
-        inputs: options.inputs.iter().map(|path| std::path::absolute(path).unwrap_or_else(|_| path.clone())).collect(),
+        inputs: options.inputs.iter().map(|path| path.canonicalize().unwrap_or_else(|_| path.clone())).collect(),
         frames: options.frames,
         masks: options.masks.clone(),
         mask_with: options.mask_with.clone(),
@@ -145,6 +145,9 @@ struct Run<'a> {
     script: PathBuf,
     record: Record,
 }
+
+/// Pairs that are matched by one run of COLMAP.
+const PAIRS: usize = 60;
 
 /// Number of pairs of pictures.
 const fn all_pairs(pictures: usize) -> usize {
@@ -508,28 +511,49 @@ impl Run<'_> {
         if self.record.is_done(&step_name) {
             return Ok(());
         }
-        let file = self.work.join(format!("pairs-{matching}.txt"));
-        let step = match &pairs {
-            None => Step::MatchAll { block: (count / 8).clamp(4, 50) },
-            Some(pairs) => {
-                let line = |pair: &[usize; 2]| pair.map(|index| slashed(&names[index])).join(" ");
-                write_lines(&file, pairs.iter().map(line))?;
-                Step::MatchPairs { pairs: &file }
-            }
-        };
         let total = attempt.pairs as u64;
         let monitor = self.monitor;
         monitor.begin("matching", total);
+        let result = match pairs {
+            None => self.match_all(matching, database, count, total),
+            Some(pairs) => self.match_pairs(matching, database, names, &pairs),
+        };
+        monitor.end();
+        result?;
+        self.record.finish(step_name)
+    }
+
+    /// Matches all pairs.
+    fn match_all(&mut self, matching: Matching, database: &Path, count: usize, total: u64) -> Result<()> {
+        let monitor = self.monitor;
+        let step = Step::MatchAll { block: (count / 8).clamp(4, 50) };
         let log = self.work.join(format!("matches-{matching}.log"));
-        let result = self.run(database, &step, &log, |event| {
+        self.run(database, &step, &log, |event| {
             if let Event::Block([row, rows, column, columns]) = event {
                 let blocks = (rows * columns).max(1);
                 monitor.done(total * ((row.max(1) - 1) * columns + column.max(1) - 1).min(blocks) / blocks);
             }
-        });
-        monitor.end();
-        result?;
-        self.record.finish(step_name)
+        })
+    }
+
+    /// Matches a list of pairs, in parts, since COLMAP does not tell how far it is within a list.
+    fn match_pairs(
+        &mut self,
+        matching: Matching,
+        database: &Path,
+        names: &[PathBuf],
+        pairs: &[[usize; 2]],
+    ) -> Result<()> {
+        for (index, part) in pairs.chunks(PAIRS).enumerate() {
+            let number = index + 1;
+            let file = self.work.join(format!("pairs-{matching}-{number}.txt"));
+            let line = |pair: &[usize; 2]| pair.map(|index| slashed(&names[index])).join(" ");
+            write_lines(&file, part.iter().map(line))?;
+            let log = self.work.join(format!("matches-{matching}-{number}.log"));
+            self.run(database, &Step::MatchPairs { pairs: &file }, &log, |_| {})?;
+            self.monitor.done((index * PAIRS + part.len()) as u64);
+        }
+        Ok(())
     }
 
     fn map(&mut self, matching: Matching, database: &Path, count: usize, attempt: &mut Attempt) -> Result<()> {

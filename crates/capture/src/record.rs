@@ -97,9 +97,27 @@ impl Request {
         self.masks.is_some() || self.mask_with.is_some()
     }
 
-    /// The request without its masks and quality, which may be added to a capture.
-    fn basis(&self) -> Self {
-        Self { masks: None, mask_with: None, is_best: false, ..self.clone() }
+    /// What a request cannot change about a capture, and what it has there; masks and quality may be
+    /// added. `None` if nothing differs.
+    fn difference(&self, before: &Self) -> Option<String> {
+        let real = |inputs: &[PathBuf]| -> Vec<PathBuf> {
+            inputs.iter().map(|path| path.canonicalize().unwrap_or_else(|_| path.clone())).collect()
+        };
+        let frames =
+            |frames: Option<usize>| frames.map_or("no --frames".to_owned(), |count| format!("--frames {count}"));
+        if real(&self.inputs) != real(&before.inputs) {
+            Some(format!("of {:?}", before.inputs))
+        } else if self.frames != before.frames {
+            Some(format!("with {}", frames(before.frames)))
+        } else if self.lens != before.lens {
+            Some(format!("with --lens {}", before.lens))
+        } else if before.has_masks() && !self.has_masks() {
+            let masks = before.masks.as_ref().map(|folder| format!("--masks {}", folder.display()));
+            let masks = masks.or(before.mask_with.as_ref().map(|command| format!("--mask-with '{command}'")));
+            masks.map(|option| format!("with {option}"))
+        } else {
+            None
+        }
     }
 }
 
@@ -124,11 +142,9 @@ impl Record {
         if found.request != *request && found.done.is_empty() && pictures == 0 {
             return Ok(Self { request: request.clone(), path, ..Self::default() });
         }
-        let loses_masks = found.request != *request && !request.has_masks() && found.request.has_masks();
-        if loses_masks || found.request.basis() != request.basis() {
+        if let Some(difference) = request.difference(&found.request) {
             return Err(Error::Input(format!(
-                "{folder:?} has a capture of {:?} with other options or inputs; use another folder with -o, or remove it",
-                found.request.inputs
+                "{folder:?} has a capture {difference}; repeat that, or use another folder with -o"
             )));
         }
         Ok(Self { path, ..found })

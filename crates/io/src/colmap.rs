@@ -66,7 +66,11 @@ pub(crate) fn incomplete(folder: &Path) -> Option<Error> {
     let places = PLACES.iter().map(|place| folder.join(place));
     let places = places.flat_map(|place| [numbered(&place), vec![place]].concat());
     places.into_iter().find_map(|place| {
-        let has = |name: &str| ["bin", "txt"].iter().any(|ending| place.join(name).with_extension(ending).is_file());
+        let is_there = |name: &str, ending: &str| place.join(name).with_extension(ending).is_file();
+        if ["bin", "txt"].iter().any(|ending| ["cameras", "images"].iter().all(|name| is_there(name, ending))) {
+            return None;
+        }
+        let has = |name: &str| ["bin", "txt"].iter().any(|ending| is_there(name, ending));
         let advice = "of one format; copy the whole folder, or write it again with `colmap model_converter`";
         match (has("cameras"), has("images")) {
             (true, false) => Some(refuse(&place, "the reconstruction", format!("has cameras, but no images {advice}"))),

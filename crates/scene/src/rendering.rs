@@ -19,8 +19,11 @@ use specula_io::{
 };
 use specula_train::{evaluate::largest_difference, view::View};
 
-/// Duration of a frame of an animation, in milliseconds.
-pub const FRAME_MS: u16 = 60;
+/// Duration of a frame of an animation, in milliseconds: all last four seconds where few do not
+/// become a slide show.
+pub fn frame_ms(frames: usize) -> u16 {
+    (4000 / frames.max(1)).clamp(60, 125) as u16
+}
 
 /// Pictures to be rendered and written.
 #[derive(Clone, Copy, Debug)]
@@ -79,7 +82,7 @@ impl PictureJob<'_> {
         let frames = overlap(cameras.len(), progress, render, finish)?;
         let frames: Vec<DynamicImage> = frames.into_iter().flatten().collect();
         if frames.len() > 1 {
-            picture::write_animation(&folder.animation(), &frames, FRAME_MS).map_err(SceneError::from)?;
+            picture::write_animation(&folder.animation(), &frames, frame_ms(frames.len())).map_err(SceneError::from)?;
         }
         Ok(())
     }

@@ -58,12 +58,13 @@ pub(super) fn iterations_within(
         if fits(middle)? { low = middle } else { high = middle }
     }
     let iterations = if low == most { low } else { rounded(low).max(least) };
+    let unit = if minutes == 1.0 { "minute" } else { "minutes" };
     if low == least && !fits(least)? {
-        tracing::warn!("{iterations} iterations, the fewest of --minutes, take longer than {minutes} minutes here");
+        tracing::warn!("{iterations} iterations, the fewest of --minutes, take longer than {minutes} {unit} here");
     } else {
         let number = group_digits(iterations as usize);
         let about = if low == most { "fewer than" } else { "about" };
-        tracing::info!("{number} iterations, which take {about} {minutes} minutes here");
+        tracing::info!("{number} iterations, which take {about} {minutes} {unit} here");
     }
     Ok(iterations)
 }
