@@ -19,7 +19,7 @@ Examples:
   specula make photographs -o out/vase --env studio.hdr --sun 30,45
   specula make photographs -o out/vase --masks silhouettes --best")]
 pub(crate) struct Make {
-    /// Videos, and folders of pictures.
+    /// Videos, and folders of pictures; or a data set, whose cameras are kept.
     #[arg(value_name = "INPUT", required = true)]
     pub(crate) inputs: Vec<PathBuf>,
     /// Output folder.

@@ -318,16 +318,18 @@ impl Commands {
         let (count, data) = (iterations.to_string(), text(data));
         let tail = ["--eval", "--overwrite", "--iterations", &count];
         let tail: Vec<&str> = tail.into_iter().chain(options.iter().map(String::as_str)).collect();
-        let is_other = trained.as_ref().is_some_and(|line| !line.ends_with(&command_text(tail.iter().copied())));
-        if is_other && latest > iterations {
-            tracing::info!("the model of {latest} iterations stays; for another one use another folder with -o");
-        } else if is_other {
-            self.set_aside("the training has other options")?;
-        }
-        let latest = model_folder::latest_iteration(model).unwrap_or(0);
-        if latest >= iterations {
-            self.lines.extend(trained);
-            return Ok(());
+        match Earlier::of(trained.as_deref(), &command_text(tail.iter().copied()), latest, iterations) {
+            Earlier::Continues => {}
+            Earlier::IsOther => self.set_aside("the training has other options")?,
+            earlier => {
+                if earlier == Earlier::IsFiner {
+                    tracing::info!(
+                        "the model of {latest} iterations stays; for another one use another folder with -o"
+                    );
+                }
+                self.lines.extend(trained);
+                return Ok(());
+            }
         }
         // Turntables and the page are those of another model.
         self.made.clear();
@@ -340,6 +342,32 @@ impl Commands {
         self.made.insert(name.clone(), line_of(&words));
         self.save()?;
         self.run(&words)
+    }
+}
+
+/// Training that is there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Earlier {
+    /// It is the one that is asked for, and has ended.
+    IsWhole,
+    /// It has more iterations.
+    IsFiner,
+    /// It has other options, and is set aside.
+    IsOther,
+    /// It has not ended, or not begun.
+    Continues,
+}
+
+impl Earlier {
+    /// Training that was run by the command line `trained`, if that is known, as far as `latest`;
+    /// `asked` is the end of the line that is asked for.
+    fn of(trained: Option<&str>, asked: &str, latest: u32, iterations: u32) -> Self {
+        match trained.is_some_and(|line| !line.ends_with(asked)) {
+            true if latest > iterations => Self::IsFiner,
+            true => Self::IsOther,
+            false if latest >= iterations => Self::IsWhole,
+            false => Self::Continues,
+        }
     }
 }
 
@@ -382,4 +410,26 @@ fn line_of(words: &[&str]) -> String {
 
 fn text(path: &Path) -> String {
     path.to_string_lossy().into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_training_of_other_options_is_not_taken_for_the_one_that_is_asked_for() {
+        let line = |tail: &str| format!("specula train data -m out/vase/model {tail}");
+        let [quick, full] = ["--iterations 2000 -r 2", "--iterations 7000 -r auto"];
+        let earlier = |trained: Option<&str>, asked: &str, latest: u32| {
+            let iterations = if asked == quick { 2000 } else { 7000 };
+            Earlier::of(trained.map(line).as_deref(), asked, latest, iterations)
+        };
+        assert_eq!(earlier(None, quick, 0), Earlier::Continues);
+        assert_eq!(earlier(Some(quick), quick, 0), Earlier::Continues);
+        assert_eq!(earlier(Some(quick), quick, 2000), Earlier::IsWhole);
+        assert_eq!(earlier(Some(quick), full, 2000), Earlier::IsOther);
+        assert_eq!(earlier(Some(full), quick, 0), Earlier::IsOther, "interrupted");
+        assert_eq!(earlier(Some(full), quick, 7000), Earlier::IsFiner);
+        assert_eq!(earlier(None, quick, 7000), Earlier::IsWhole, "of an earlier version");
+    }
 }

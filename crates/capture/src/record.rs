@@ -103,12 +103,13 @@ impl Request {
         let real = |inputs: &[PathBuf]| -> Vec<PathBuf> {
             inputs.iter().map(|path| path.canonicalize().unwrap_or_else(|_| path.clone())).collect()
         };
-        let frames =
-            |frames: Option<usize>| frames.map_or("no --frames".to_owned(), |count| format!("--frames {count}"));
+        let frames = |frames: Option<usize>| {
+            frames.map_or("without --frames".to_owned(), |count| format!("with --frames {count}"))
+        };
         if real(&self.inputs) != real(&before.inputs) {
             Some(format!("of {:?}", before.inputs))
         } else if self.frames != before.frames {
-            Some(format!("with {}", frames(before.frames)))
+            Some(frames(before.frames))
         } else if self.lens != before.lens {
             Some(format!("with --lens {}", before.lens))
         } else if before.has_masks() && !self.has_masks() {
@@ -196,7 +197,7 @@ mod tests {
         assert!(Record::open(folder.path(), &request).unwrap().is_done("frames"));
         let other = Request { frames: Some(9), ..request.clone() };
         let sentence = Record::open(folder.path(), &other).unwrap_err().to_string();
-        assert!(sentence.contains("walk.mov") && sentence.contains("-o"), "{sentence}");
+        assert!(sentence.contains("without --frames") && sentence.contains("-o"), "{sentence}");
         let masked = Request { masks: Some("masks".into()), ..request.clone() };
         let mut record = Record::open(folder.path(), &masked).unwrap();
         assert_eq!(record.request.masks, None, "masks are added to what is there");
