@@ -62,7 +62,7 @@ mod tests {
 
     #[test]
     fn brightness_is_that_of_what_is_covered() {
-        let pixel = |k: u8| if k % 4 == 0 { [128, 128, 128, 255] } else { [250, 250, 250, 0] };
+        let pixel = |k: u8| if k.is_multiple_of(4) { [128, 128, 128, 255] } else { [250, 250, 250, 0] };
         let rgba: Vec<u8> = (0..64).flat_map(pixel).collect();
         let look = Look::of_rgba("a", &rgba, 8);
         assert!((look.brightness - 128.0 / 255.0).abs() < 1e-6 && look.coverage == 0.25, "{look:?}");
