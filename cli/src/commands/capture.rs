@@ -68,7 +68,7 @@ pub(crate) fn capture(inputs: &[PathBuf], folder: &Path, options: &CaptureOption
     refuse_other_contents(folder)?;
     for input in inputs.iter().filter(|input| has_files(input)) {
         let line = command_text(["specula", "train", &input.to_string_lossy(), "-m", "out/model"]);
-        tracing::warn!("{input:?} has cameras, which are not used; specula make and this command keep them: {line}");
+        tracing::warn!("{input:?} has cameras, which are not used; to keep them: {line}");
     }
     output::make_folder(folder)?;
     let _lock = output::lock(folder)?;

@@ -26,7 +26,7 @@ use crate::{
     splat::{byte, unit},
     whole_file,
 };
-use core::f32::consts::FRAC_1_SQRT_2;
+use core::{f32::consts::FRAC_1_SQRT_2, fmt};
 use flate2::{Compression, read::GzDecoder, write::GzEncoder};
 use ruzstd::decoding::StreamingDecoder;
 use specula_core::{
@@ -135,7 +135,7 @@ pub(crate) fn read(path: &Path) -> Result<GaussianFile> {
     let is_gzip = bytes.starts_with(&GZIP);
     let stream: Box<dyn Read> = if is_gzip { Box::new(GzDecoder::new(&bytes[..])) } else { Box::new(&bytes[..]) };
     let mut stream = stream;
-    stream.by_ref().take(HEADER_LEN as u64).read_to_end(&mut start).map_err(|cause| broken(cause.to_string()))?;
+    stream.by_ref().take(HEADER_LEN as u64).read_to_end(&mut start).map_err(|cause| broken(damaged(&cause)))?;
     let header = Header::read(&start).map_err(broken)?;
     let layout = header.layout();
     let wanted = header.count as u64 * (4 * layout.plane_count() + header.widths().iter().sum::<usize>()) as u64;
@@ -148,7 +148,7 @@ pub(crate) fn read(path: &Path) -> Result<GaussianFile> {
             filled(&mut stream, array, header.count * width).map_err(broken)?;
         }
         // The end of a gzip stream has the checksum of what was read.
-        stream.take(1).read_to_end(&mut Vec::new()).map_err(|cause| broken(cause.to_string()))?;
+        stream.take(1).read_to_end(&mut Vec::new()).map_err(|cause| broken(damaged(&cause)))?;
         arrays
     };
     let Header { count, fraction_bits, .. } = header;
@@ -199,16 +199,21 @@ fn frames(header: &Header, bytes: &[u8]) -> core::result::Result<[Vec<u8>; ARRAY
         let len = word(table.saturating_add(ENTRY_LEN * index)).ok_or_else(short)?;
         let last = first.checked_add(len).ok_or_else(short)?;
         let frame = bytes.get(first..last).ok_or_else(short)?;
-        let mut frame = StreamingDecoder::new(frame).map_err(|cause| cause.to_string())?;
+        let mut frame = StreamingDecoder::new(frame).map_err(|cause| damaged(&cause))?;
         filled(&mut frame, array, header.count * width)?;
         first = last;
     }
     Ok(arrays)
 }
 
+/// Sentence on a stream that cannot be decompressed.
+fn damaged(cause: &impl fmt::Display) -> String {
+    format!("it is cut short or damaged ({cause}); copy it again")
+}
+
 /// Reads this many bytes.
 fn filled(stream: &mut impl Read, array: &mut Vec<u8>, len: usize) -> core::result::Result<(), String> {
-    stream.take(len as u64).read_to_end(array).map_err(|cause| cause.to_string())?;
+    stream.take(len as u64).read_to_end(array).map_err(|cause| damaged(&cause))?;
     if array.len() < len { Err("it is cut short; copy it again".to_owned()) } else { Ok(()) }
 }
 
