@@ -104,14 +104,15 @@ const KINDS: &[Kind] = &[
 /// [`Error::OtherKind`] for one of these kinds, [`Error::Read`].
 pub(crate) fn refuse(input: Input<'_>) -> Result<()> {
     let start = start_of(input)?;
-    if start.is_empty() {
-        return Err(other(input.path(), "empty", "copy it again"));
-    }
     let ending = ending(input.path()).unwrap_or_default();
     let has_ending = |kind: &&Kind| kind.endings.contains(&ending.as_str());
     let has_start = |kind: &&Kind| kind.starts.iter().any(|known| start.starts_with(known));
     let found = KINDS.iter().find(has_ending).or_else(|| KINDS.iter().find(has_start));
-    found.map_or(Ok(()), |Kind { name, remedy, .. }| Err(other(input.path(), name, remedy)))
+    match found {
+        Some(Kind { name, remedy, .. }) => Err(other(input.path(), name, remedy)),
+        None if start.is_empty() => Err(other(input.path(), "empty", "copy it again")),
+        None => Ok(()),
+    }
 }
 
 /// Returns whether a file is a video, by its name.
