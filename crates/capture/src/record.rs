@@ -97,8 +97,8 @@ impl Request {
         self.masks.is_some() || self.mask_with.is_some()
     }
 
-    /// Input or option of an earlier request that this one cannot change, with its value there; masks
-    /// and quality may be added. `None` if nothing differs.
+    /// Input or option of an earlier request that this one cannot change, with its value there.
+    /// Masks and quality may be added. `None` if nothing differs.
     fn difference(&self, before: &Self) -> Option<String> {
         let real = |inputs: &[PathBuf]| -> Vec<PathBuf> {
             inputs.iter().map(|path| path.canonicalize().unwrap_or_else(|_| path.clone())).collect()
