@@ -19,8 +19,8 @@ use specula_io::{
 };
 use specula_train::{evaluate::largest_difference, view::View};
 
-/// Duration of a frame of an animation, in milliseconds: all last four seconds where few do not
-/// become a slide show.
+/// Duration of a frame of an animation of this many, in milliseconds: together four seconds, if
+/// each lasts 60 to 125.
 pub fn frame_ms(frames: usize) -> u16 {
     (4000 / frames.max(1)).clamp(60, 125) as u16
 }

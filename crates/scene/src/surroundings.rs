@@ -25,8 +25,8 @@ impl OpenedModel {
     }
 
     /// Fuses the near field of a scene that [lacks it](OpenedModel::lacks_surface) from pictures of
-    /// its cameras, or of cameras around it, and shows its materials. Nothing changes for other
-    /// scenes, and for those whose parts do not see each other. Call it before the scene is lit.
+    /// its cameras, or of cameras around it. Nothing changes for other scenes, and for those whose
+    /// parts do not see each other. Call it before the scene is lit.
     /// `progress` receives the number of rendered pictures and of all.
     ///
     /// # Errors
