@@ -3,8 +3,8 @@
 use crate::{
     args::{EnvChoice, FirstLights, LampOptions, Lights},
     failure::Failure,
-    output, progress,
-    scene::{fuse_near_field, read_env, refuse_plain},
+    output,
+    scene::{fuse_near_field, fusing, read_env, refuse_plain},
 };
 use core::{fmt::Display, str::FromStr};
 use glam::Vec3;
@@ -278,17 +278,8 @@ fn warn_of_hidden_suns(lighting: &Lighting, occluder: &Surface, opened: &OpenedM
 
 /// Surface that casts shadows, with progress.
 fn surface_of(opened: &OpenedModel, options: &RenderOptions) -> Result<Option<Arc<Surface>>, Failure> {
-    let mut work = None;
-    let surface = shadow_surface(opened, options, |done, all| {
-        let work = work.get_or_insert_with(|| {
-            tracing::info!("fusing {all} views into the shadow-casting surface");
-            progress::work("fusing", all as u64)
-        });
-        work.done(done as u64, String::new);
-    })?;
-    if let Some(work) = work {
-        work.finish();
-    }
+    let announce = |all| tracing::info!("fusing {all} views into the shadow-casting surface");
+    let surface = fusing(announce, |progress| shadow_surface(opened, options, progress))?;
     if surface.is_none() {
         tracing::warn!("no view shows a surface, so there are no shadows and no ground");
     }

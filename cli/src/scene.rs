@@ -288,10 +288,19 @@ pub(crate) fn models_in(folder: &Path) -> Vec<PathBuf> {
 
 /// Near field of materials that come without one, with progress.
 pub(crate) fn fuse_near_field(opened: &mut OpenedModel, options: &RenderOptions) -> Result<(), Failure> {
+    let announce = |_| tracing::info!("fusing the surface on which the materials shadow and reflect each other");
+    fusing(announce, |progress| opened.fuse_near_field(options, progress))
+}
+
+/// Runs a fusion with progress; `announce` receives the number of pictures before the first one.
+pub(crate) fn fusing<T>(
+    announce: impl Fn(usize),
+    fuse: impl FnOnce(&mut dyn FnMut(usize, usize)) -> Result<T, SceneError>,
+) -> Result<T, Failure> {
     let mut work = None;
-    opened.fuse_near_field(options, |done, all| {
+    let fused = fuse(&mut |done, all| {
         let work = work.get_or_insert_with(|| {
-            tracing::info!("fusing the surface on which the materials shadow and reflect each other");
+            announce(all);
             progress::work("fusing", all as u64)
         });
         work.done(done as u64, String::new);
@@ -299,7 +308,7 @@ pub(crate) fn fuse_near_field(opened: &mut OpenedModel, options: &RenderOptions)
     if let Some(work) = work {
         work.finish();
     }
-    Ok(())
+    Ok(fused)
 }
 
 /// Replaces the light of a scene by that of a file. `up` is the scene's up direction.

@@ -79,7 +79,8 @@ pub(crate) fn run(args: &FitLight) -> Result<(), Failure> {
         iterations: args.iterations,
         executor: args.executor.clone(),
     };
-    scene::fuse_near_field(&mut opened, &RenderOptions::full_precision(args.executor.clone()))?;
+    let options = RenderOptions::full_precision(args.executor.clone());
+    scene::fuse_near_field(&mut opened, &options)?;
     let work = progress::work("fitting", args.iterations.into());
     let light = opened.scene.fit_light(&fit, |step, psnr| {
         work.done(step.into(), || psnr.map_or(String::new(), |psnr| format!("{psnr:.2} dB on these photographs")));
@@ -91,7 +92,6 @@ pub(crate) fn run(args: &FitLight) -> Result<(), Failure> {
     let map = light_file::map_of(&light, up);
     latlong::write(&args.output, &map)?;
     opened.scene.relight(&map, MapUp::Scene.orientation(up));
-    let options = RenderOptions::full_precision(args.executor.clone());
     let mut renderer = SceneRenderer::new(opened.scene, Channels::Training, &options)?;
     let count = fitted.len();
     let (some, _) = divided(fitted, SHOWN_MAX);

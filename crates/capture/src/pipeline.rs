@@ -10,7 +10,7 @@ use crate::{
     masks,
     pairs::{EXHAUSTIVE, FEW, Sequence},
     process::{CommandLine, Monitor},
-    record::{Attempt, Record, Request, VideoRecord},
+    record::{Attempt, Record, Request, VideoRecord, real},
     video,
 };
 use core::fmt;
@@ -90,7 +90,7 @@ pub fn check(inputs: &[PathBuf]) -> Result<()> {
 /// interruption.
 pub fn capture(options: &Options, monitor: &dyn Monitor) -> Result<Outcome> {
     let request = Request {
-        inputs: options.inputs.iter().map(|path| path.canonicalize().unwrap_or_else(|_| path.clone())).collect(),
+        inputs: real(&options.inputs),
         frames: options.frames,
         masks: options.masks.clone(),
         mask_with: options.mask_with.clone(),

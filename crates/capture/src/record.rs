@@ -92,6 +92,11 @@ pub(crate) struct Record {
     path: PathBuf,
 }
 
+/// Paths without links and detours, where they exist.
+pub(crate) fn real(paths: &[PathBuf]) -> Vec<PathBuf> {
+    paths.iter().map(|path| path.canonicalize().unwrap_or_else(|_| path.clone())).collect()
+}
+
 impl Request {
     fn has_masks(&self) -> bool {
         self.masks.is_some() || self.mask_with.is_some()
@@ -100,13 +105,10 @@ impl Request {
     /// Input or option of an earlier request that this one cannot change, with its value there.
     /// Masks and quality may be added. `None` if nothing differs.
     fn difference(&self, before: &Self) -> Option<String> {
-        let real = |inputs: &[PathBuf]| -> Vec<PathBuf> {
-            inputs.iter().map(|path| path.canonicalize().unwrap_or_else(|_| path.clone())).collect()
-        };
         let frames = |frames: Option<usize>| {
             frames.map_or("without --frames".to_owned(), |count| format!("with --frames {count}"))
         };
-        if real(&self.inputs) != real(&before.inputs) {
+        if self.inputs != real(&before.inputs) {
             Some(format!("of {:?}", before.inputs))
         } else if self.frames != before.frames {
             Some(frames(before.frames))

@@ -12,6 +12,8 @@ use specula_train::near_field::{UnderSky, UnlitPicture, VIEWS_MAX, fused};
 
 /// Longest edge of a fused view, in pixels.
 const EDGE_MAX: u32 = 400;
+/// Rendered pictures of a view: depths, and layers.
+const PICTURES: usize = 2;
 
 impl OpenedModel {
     /// Whether the scene has physical materials that come without a surface. A model's folder
@@ -42,20 +44,23 @@ impl OpenedModel {
         }
         let cameras = self.surrounding_cameras(VIEWS_MAX as u32)?;
         let cameras: Vec<Camera> = cameras.iter().map(|camera| camera.limited(EDGE_MAX)).collect();
-        let all = UnlitPicture::COUNT * cameras.len().min(VIEWS_MAX);
+        let all = PICTURES * cameras.len().min(VIEWS_MAX);
         let materials = self.scene.clone().shaded(Shading::Physical)?;
         let mut renderer = SceneRenderer::without_light(materials, Channels::Layers, options)?;
         let rules = RenderRules { is_lit: false, traces_near: false, illuminates: false, ..*renderer.rules() };
-        let mut done = 0;
-        let mut render = |camera: &Camera, picture: UnlitPicture| {
+        let (mut done, mut layers) = (0, None);
+        let mut render = |camera: &Camera, picture: UnlitPicture| -> Result<_, SceneError> {
+            let channels = match (picture, layers.take()) {
+                // View-dependent colours of a file repeat the materials.
+                (UnlitPicture::Materials, Some(image)) => return Ok(image),
+                (UnlitPicture::Depths, _) => Channels::Training,
+                (UnlitPicture::Layers | UnlitPicture::Materials, _) => Channels::Layers,
+            };
             done += 1;
             progress(done, all);
-            // Its view-dependent colours repeat the materials.
-            let channels = match picture {
-                UnlitPicture::Depths => Channels::Training,
-                UnlitPicture::Layers | UnlitPicture::Materials => Channels::Layers,
-            };
-            renderer.render_lit(SceneRenderer::SCENE_LIGHT, camera, &RenderRules { channels, ..rules })
+            let image = renderer.render_lit(SceneRenderer::SCENE_LIGHT, camera, &RenderRules { channels, ..rules })?;
+            layers = (picture == UnlitPicture::Layers).then(|| image.clone());
+            Ok(image)
         };
         let white = Environment { resolution: 1, activation: RadianceActivation::Identity, values: vec![1.0; 18] };
         let sky = UnderSky { sky: &Sky::new(&white), is_of_materials: true };

@@ -33,11 +33,6 @@ pub enum UnlitPicture {
     Materials,
 }
 
-impl UnlitPicture {
-    /// Number of pictures of a view.
-    pub const COUNT: usize = 3;
-}
-
 /// Sky that a surface is under.
 #[derive(Clone, Copy, Debug)]
 pub struct UnderSky<'a> {
